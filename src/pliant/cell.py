@@ -1,0 +1,182 @@
+"""The cell as the method sees it: a robot that moves, waits and observes.
+
+`Robot` is everything a skill or a reasoner can reach; the simulated and the real cell implement the
+same six calls. `Workcell` prepares trials and knows the truth: only experiments hold one.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from types import TracebackType
+from typing import Annotated, Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator
+
+from pliant.pose import Pose
+from pliant.task import Setup, Task
+
+
+def _array_from(value: Any) -> NDArray[np.float64]:
+    return np.asarray(value, dtype=np.float64)
+
+
+def _array_to(value: NDArray[np.float64]) -> list[Any]:
+    return [float(f"{v:.6g}") for v in value] if value.ndim == 1 else [_array_to(v) for v in value]
+
+
+Array = Annotated[NDArray[np.float64], PlainValidator(_array_from), PlainSerializer(_array_to)]
+"""A numeric array that is stored as nested lists, to six significant digits."""
+
+
+def _image_from(value: Any, info: Any) -> NDArray[np.uint8]:
+    if isinstance(value, np.ndarray):
+        return value
+    return info.context.load(value)  # type: ignore[no-any-return]
+
+
+def _image_to(value: NDArray[np.uint8], info: Any) -> Any:
+    return info.context.save(value)
+
+
+Image = Annotated[NDArray[np.uint8], PlainValidator(_image_from), PlainSerializer(_image_to)]
+"""A picture (height, width, 3), RGB. Stored by hash through the store's picture folder."""
+
+
+class Stop(StrEnum):
+    """Why a motion ended."""
+
+    REACHED = "reached"
+    COMPRESSION = "compression"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trace:
+    """What was measured along a motion, for plots: one row per sample."""
+
+    time_s: Array  # (n,) robot clock
+    pose: Array  # (n, 6) x, y, z [m], roll, pitch, yaw [rad]
+    compression_m: Array  # (n,) from free hang
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """One straight motion: asked for, commanded, and where it ended."""
+
+    requested: Pose
+    commanded: Pose  # after the envelope
+    ended: Pose  # measured
+    stop: Stop
+    peak_compression_m: float
+    started_s: float
+    ended_s: float
+    trace: Trace = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Camera:
+    """A pinhole camera without distortion, calibrated to the task frame.
+
+    `rotation` (3, 3) holds the camera's axes as columns in the task frame: x right, y down, z
+    forward. `focal_px` is the focal length, the principal point is the picture's centre.
+    """
+
+    name: str
+    width: int
+    height: int
+    focal_px: float
+    position: Array  # (3,) [m]
+    rotation: Array  # (3, 3)
+
+    def project(self, point: NDArray[np.float64]) -> tuple[float, float]:
+        """Pixel (column, row) of a point (3,) [m] in the task frame."""
+        right, down, forward = (np.asarray(point) - self.position) @ self.rotation
+        scale = self.focal_px / forward
+        return float(self.width / 2 + right * scale), float(self.height / 2 + down * scale)
+
+    def on_plane_x(self, u: float, v: float, x: float) -> tuple[float, float]:
+        """(y, z) [m] where the ray through pixel (u, v) meets the plane at `x` [m]."""
+        ray = self.rotation @ np.array(
+            [(u - self.width / 2) / self.focal_px, (v - self.height / 2) / self.focal_px, 1.0]
+        )
+        point = self.position + ray * (x - self.position[0]) / ray[0]
+        return float(point[1]), float(point[2])
+
+    def metres_per_pixel(self, x: float) -> float:
+        """Size of a pixel on the plane at `x` [m], for a camera that looks along x."""
+        return float(abs(self.position[0] - x) / self.focal_px)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class View:
+    """One picture, when it was taken on the robot's clock, and the camera that took it."""
+
+    camera: Camera
+    time_s: float
+    image: Image = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observation:
+    """What the cell gives when asked: measured pose, compression from free hang, pictures."""
+
+    time_s: float
+    pose: Pose
+    compression_m: float
+    views: Mapping[str, View]
+
+
+class Robot(Protocol):
+    """The arm with its soft wrist, gripper and cameras. Any call may raise RobotFault."""
+
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None: ...
+    def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
+        """Move the hinge point in a straight line; end at once, as a result, when the wrist is
+        pressed past the limit (Sec. IV-A, "Compression limit")."""
+        ...
+
+    def settle(self, seconds: float) -> None:
+        """Wait on the robot's clock."""
+        ...
+
+    def tare(self) -> None:
+        """Count compression from here: at rest, in free hang."""
+        ...
+
+    def clock(self) -> float:
+        """Seconds since the cell was prepared."""
+        ...
+
+    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation: ...
+
+    def halt(self) -> None:
+        """Stop where it is, now."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """Ground truth, sampled by the experiment. Never part of a Case."""
+
+    inserted: bool | None  # None: nobody has labelled it yet
+    depth_m: float  # of the centre of the peg's bottom face below the board; negative above
+    tip: tuple[float, float, float]  # that centre in the task frame [m]
+    tilt_rad: float  # the peg's lean about x, positive toward -y
+    hole_y: float  # [m]
+    compression_m: float
+    fit: bool | None = None  # the peg's low edge is inside the hole, below its rim
+
+
+class Workcell(Protocol):
+    """A cell that an experiment prepares. Its truth stays on the experiment's side."""
+
+    def prepare(self, task: Task, setup: Setup) -> Robot: ...
+
+    def truth(self) -> Truth: ...

@@ -1,0 +1,211 @@
+"""What a trial saw, thought and did, as frozen records that flow one way.
+
+    Step -> Outcome -> Evidence -> Verdict -> (on failure) Recovery -> admitted Steps
+
+A trial is the list of its executions; it can be stored, replayed, shown and scored.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from pliant.belief import Belief
+from pliant.cell import Motion, Observation, Stop, Truth
+from pliant.formations import Demonstration, Formation, Goals, Step
+from pliant.pose import Partial, Pose
+from pliant.task import Task
+from pliant.vision.scene import Scene
+
+SCHEMA = 1
+"""Version of everything stored. A reader refuses another."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """An observation and what was measured in its side picture."""
+
+    observation: Observation
+    scene: Scene
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """One execution of a skill: the pose it was sent to, its motions, and the looks it took."""
+
+    step: Step
+    target: Pose
+    motions: tuple[Motion, ...]
+    looks: tuple[Look, ...]
+
+    @property
+    def pose(self) -> Pose:
+        """The terminal pose p_e."""
+        return self.looks[-1].observation.pose
+
+    @property
+    def scene(self) -> Scene:
+        return self.looks[-1].scene
+
+    @property
+    def stop(self) -> Stop:
+        """Compression if any motion was stopped by it."""
+        stopped = any(m.stop is Stop.COMPRESSION for m in self.motions)
+        return Stop.COMPRESSION if stopped else Stop.REACHED
+
+    @property
+    def peak_compression_m(self) -> float:
+        return max((m.peak_compression_m for m in self.motions), default=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One source's vote on success. `vote` None: it could not be made, and `message` says why.
+
+    `paper` is False for the checks that pliant adds.
+    """
+
+    name: str
+    vote: bool | None
+    message: str
+    paper: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """All checks of one execution."""
+
+    checks: tuple[Check, ...]
+
+    def __getitem__(self, name: str) -> Check | None:
+        return next((c for c in self.checks if c.name == name), None)
+
+    @property
+    def votes(self) -> dict[str, bool | None]:
+        return {c.name: c.vote for c in self.checks}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange:
+    """One request to a model and its reply, as text; kept for the record."""
+
+    request: str
+    reply: str
+    model: str
+    tokens: int = 0
+    latency_s: float = 0.0
+    cost_usd: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """The judgement of one execution: each source's vote, and what conflicted."""
+
+    success: bool
+    reason: str
+    votes: Mapping[str, bool | None]
+    conflict: str | None
+    by: str
+    exchanges: tuple[Exchange, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FailureAnalysis:
+    """What happened, why, how to recover, and the motion relative to the current goal (Sec. IV-B)."""
+
+    what: str
+    why: str
+    how: str
+    motion: Partial
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recovery:
+    """An analysis and the steps that follow from it; no steps: stop."""
+
+    analysis: FailureAnalysis
+    steps: tuple[Step, ...]
+    by: str
+    exchanges: tuple[Exchange, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Admission:
+    """What of a recovery may be done, and why the rest may not."""
+
+    steps: tuple[Step, ...]
+    refusals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Execution:
+    """One commanded formation skill, with everything that followed from it."""
+
+    index: int
+    outcome: Outcome
+    evidence: Evidence
+    verdict: Verdict
+    recovery: Recovery | None = None
+    admission: Admission | None = None
+
+    @property
+    def formation(self) -> Formation:
+        return self.outcome.step.formation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """All that a reasoner may know when it judges or recovers: serialisable, so that a stored case
+    can be judged again. `goals` are the ones in force, updated by the recoveries so far."""
+
+    task: Task
+    taught: Goals
+    goals: Goals
+    demonstrations: Mapping[Formation, Demonstration] = field(repr=False)
+    history: tuple[Execution, ...]
+    outcome: Outcome
+    evidence: Evidence
+    belief: Belief
+
+
+class End(StrEnum):
+    """How a trial ended. A fault is written `fault:<kind>`."""
+
+    INSERTED = "inserted"  # judged so
+    EXHAUSTED = "exhausted"  # ten failed verdicts in a row
+    CAP = "cap"  # forty executions
+    STOPPED = "stopped"  # the reasoner said that it cannot or should not go on
+    FINISHED = "finished"  # an open-loop plan ran out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """A whole trial, as it is stored."""
+
+    trial_id: str
+    task: Task
+    condition: str
+    seed: int
+    reasoner: str
+    model: str | None
+    goals: Goals
+    executions: tuple[Execution, ...]
+    end_reason: str
+    simulated_s: float
+    wall_s: float
+    drawn: Mapping[str, float] = field(default_factory=dict)  # the setup: truth
+    truths: tuple[Truth, ...] = ()  # after each execution; kept apart, so that no Case holds one
+
+    @property
+    def judged(self) -> bool:
+        """The paper's F: the verdict on Insertion was success."""
+        last = self.executions[-1] if self.executions else None
+        return (
+            last is not None
+            and last.formation is Formation.INSERTION
+            and last.verdict.success
+        )
+
+    @property
+    def inserted(self) -> bool | None:
+        """The paper's G, where it is known."""
+        return self.truths[-1].inserted if self.truths else None

@@ -1,0 +1,82 @@
+"""The board: a block with a hole of the peg's shape, as convex prisms around the hole."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.sim.constants import ROUND_HOLE_SIDES
+from pliant.task import BLOCK_SIZE, Hole, Peg
+
+Polygon = NDArray[np.float64]  # (n, 2) [m], convex, counter-clockwise
+
+
+def hole_outline(peg: Peg, hole: Hole, *, grown: float = 0.0) -> Polygon:
+    """The hole's outline, `grown` further on every side [m]. A round hole is a regular polygon
+    around its circle, with flats at +-y."""
+    margin = hole.clearance / 2 + grown
+    if peg.radius is None:
+        return _grow(np.array(peg.outline), margin)
+    apothem = peg.radius + margin
+    half = math.pi / ROUND_HOLE_SIDES
+    angles = math.pi / 2 + half * (2 * np.arange(ROUND_HOLE_SIDES) + 1)
+    corner = apothem / math.cos(half)
+    return np.column_stack([corner * np.cos(angles), corner * np.sin(angles)])
+
+
+def hole_prisms(peg: Peg, hole: Hole) -> list[NDArray[np.float64]]:  # each (n, 3) [m]
+    """Vertices of the convex pieces that fill the block around the hole, top at z = 0.
+
+    Piece i lies outside the hole's edge i and between the rays from the centre through that edge's
+    ends, so each is convex and none reaches into the hole.
+    """
+    inner = hole_outline(peg, hole)
+    rim = hole_outline(peg, hole, grown=hole.chamfer)
+    bottom = -BLOCK_SIZE[2]
+    pieces = []
+    for i in range(len(inner)):
+        ends = [i, (i + 1) % len(inner)]
+        outer = _block_outline_between(inner[ends[0]], inner[ends[1]])
+        vertices = [(*inner[e], bottom) for e in ends] + [(*rim[e], 0.0) for e in ends]
+        if hole.chamfer:
+            vertices += [(*inner[e], -hole.chamfer) for e in ends]
+        vertices += [(x, y, z) for x, y in outer for z in (bottom, 0.0)]
+        pieces.append(np.array(vertices))
+    return pieces
+
+
+def contains(outline: Polygon, point: Sequence[float]) -> bool:
+    """Whether a point (x, y) lies inside a convex, counter-clockwise outline."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    to_point = np.asarray(point) - outline
+    return bool(np.all(edges[:, 0] * to_point[:, 1] - edges[:, 1] * to_point[:, 0] >= 0))
+
+
+def _grow(outline: Polygon, margin: float) -> Polygon:
+    edges = np.roll(outline, -1, axis=0) - outline
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = np.sum(normals * outline, axis=1) + margin
+    before_n, before_o = np.roll(normals, 1, axis=0), np.roll(offsets, 1)
+    return np.array(
+        [
+            np.linalg.solve([n0, n1], [o0, o1])
+            for n0, n1, o0, o1 in zip(before_n, normals, before_o, offsets, strict=True)
+        ]
+    )
+
+
+def _block_outline_between(start: Polygon, end: Polygon) -> list[tuple[float, float]]:
+    """Where the rays through two points leave the block, and the block's corners between them."""
+    half = np.array(BLOCK_SIZE[:2]) / 2
+
+    def leave(p: Polygon) -> tuple[float, float]:
+        out = p * np.min(half / np.maximum(np.abs(p), 1e-12))
+        return float(out[0]), float(out[1])
+
+    first, last = math.atan2(start[1], start[0]), math.atan2(end[1], end[0])
+    corners = [(sx * half[0], sy * half[1]) for sx in (-1, 1) for sy in (-1, 1)]
+    span = (last - first) % math.tau
+    between = [c for c in corners if 0 < (math.atan2(c[1], c[0]) - first) % math.tau < span]
+    return [leave(start), *between, leave(end)]

@@ -1,0 +1,288 @@
+"""The simulated cell: a Robot for the method, a Workcell with the truth for the experiment."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.cell import Motion, Observation, Stop, Trace, Truth
+from pliant.pose import Pose, angles_from, pose_from
+from pliant.sim import constants as c
+from pliant.sim import model as m
+from pliant.sim.arm import HOME_GUESS, Arm, Profile
+from pliant.sim.board import contains, hole_outline
+from pliant.sim.render import Cameras
+from pliant.task import Setup, Task
+
+_STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
+_CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
+_CONTROLS_PER_FRAME = 4  # of the trajectory: 25 Hz
+_HANG_S, _HANG_DAMPING = 1.0, 30.0  # before a trial: damped, so that it starts at rest
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """Everything needed to draw a trial again: joint positions over time, and the setup."""
+
+    time_s: NDArray[np.float64]  # (n,)
+    qpos: NDArray[np.float32]  # (n, nq)
+    setup: Setup
+
+
+class SimCell:
+    """A workcell in MuJoCo. One compiled model per task; a trial edits it and resets the state."""
+
+    def __init__(self) -> None:
+        self._task: Task | None = None
+        self._robot: SimRobot | None = None
+
+    def prepare(self, task: Task, setup: Setup) -> "SimRobot":
+        """Put the peg in the grasp and the hole where `setup` says, and the arm at home."""
+        if self._robot is None or task != self._task:
+            if self._robot is not None:
+                self._robot.cameras.close()
+            self._robot, self._task = SimRobot(task), task
+        self._robot.reset(setup)
+        return self._robot
+
+    def truth(self) -> Truth:
+        """Ground truth now. Nothing that the method holds can reach it."""
+        robot, task = self._prepared()
+        data, model = robot.data, robot.model
+        tip = data.site(m.TIP_SITE).xpos.copy()
+        rotation = data.body(m.PEG).xmat.reshape(3, 3)
+        hole = model.body(m.BOARD).pos
+        depth = float(hole[2] - tip[2])
+        inside = contains(hole_outline(task.peg, task.hole), (tip - hole)[:2])
+        low = tip + rotation @ self._low_corner(task, rotation)
+        return Truth(
+            inserted=inside and depth >= 0.010,
+            depth_m=depth,
+            tip=(float(tip[0]), float(tip[1]), float(tip[2])),
+            tilt_rad=angles_from(rotation)[0],
+            hole_y=float(hole[1]),
+            compression_m=robot.compression(),
+            fit=bool(low[2] < hole[2] - 0.001)
+            and contains(hole_outline(task.peg, task.hole, grown=0.001), (low - hole)[:2]),
+        )
+
+    def trajectory(self) -> Trajectory:
+        """The trial so far, for drawing it again."""
+        robot, _ = self._prepared()
+        times, qpos = zip(*robot.frames, strict=True)
+        return Trajectory(time_s=np.array(times), qpos=np.array(qpos, np.float32), setup=robot.setup)
+
+    def _prepared(self) -> "tuple[SimRobot, Task]":
+        if self._robot is None or self._task is None:
+            raise RuntimeError("the cell has not been prepared")
+        return self._robot, self._task
+
+    @staticmethod
+    def _low_corner(task: Task, rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The lowest point of the bottom face in the plane of insertion, from its centre [m]."""
+        half = task.peg.half_extents[1]
+        return np.array([0.0, half if rotation[2, 1] < 0 else -half, 0.0])
+
+
+class SimRobot:
+    """The method's side of the simulated cell (protocol `pliant.cell.Robot`)."""
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.model = m.build(task)
+        self.data = mujoco.MjData(self.model)
+        self.arm = Arm(self.model)
+        self.cameras = Cameras(self.model)
+        self.setup = Setup(seed=0)
+        self.frames: list[tuple[float, NDArray[np.float64]]] = []
+        self.physics_s = 0.0
+        self._slide = int(self.model.joint("wrist_z").qposadr[0])
+        self._site = self.model.site(m.HINGE_SITE).id
+        self._free_hang = 0.0
+        self._controls = 0
+        self._commanded = Pose(z=task.tip_below_hinge + c.HOME_ABOVE_BOARD)
+        self._home = self.arm.solve(
+            self._commanded.position(), self._commanded.rotation(), np.array(HOME_GUESS)
+        )
+        self._q = self._home
+        self._board_geoms = [
+            i for i in range(self.model.ngeom) if self.model.geom(i).name.startswith(m.BOARD)
+        ]
+        self._on_step: Callable[[], None] = _nothing
+
+    # --- what a trial randomises ---------------------------------------------------------------
+
+    def reset(self, setup: Setup) -> None:
+        """Apply a setup and hang at home, at rest, compression tared, clock at zero."""
+        model, data = self.model, self.data
+        mujoco.mj_resetData(model, data)
+        self.setup = setup
+        model.body(m.BOARD).pos[1] = setup.hole_y
+        half = setup.grasp_roll / 2
+        model.body(m.PEG).quat[:] = [math.cos(half), math.sin(half), 0.0, 0.0]
+        model.geom_friction[self._board_geoms, 0] = c.FRICTION[0] * setup.friction
+        self._commanded = Pose(z=self.task.tip_below_hinge + c.HOME_ABOVE_BOARD)
+        self._q = self._home
+        data.qpos[self.arm.qpos] = self._home
+        data.ctrl[:] = self._home
+        damping = model.dof_damping.copy()
+        model.dof_damping[self.arm.dofs[-1] + 1 :] *= _HANG_DAMPING
+        mujoco.mj_step(model, data, round(_HANG_S / c.TIMESTEP))
+        model.dof_damping[:] = damping
+        data.qvel[:] = 0.0
+        data.time = 0.0
+        self.frames = []
+        self._controls = 0
+        self.tare()
+        self._keep_frame()
+
+    # --- Robot -----------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.halt()
+
+    def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
+        started = self.clock()
+        waypoints = self.arm.line(self._commanded, pose, self._q)
+        profile = Profile(self._length(pose), speed_m_s, c.ACCELERATION_RAMP)
+        ticks = max(1, math.ceil(profile.duration / c.CONTROL_PERIOD))
+        fractions = profile.fractions(np.arange(1, ticks + 1) * c.CONTROL_PERIOD)
+        path = _along(waypoints, fractions)
+
+        compression = peak = self.compression()
+        limit = max(stop_at_compression_m, compression + 0.0002)  # already past it: may unload
+        stop = Stop.REACHED
+        samples = _Samples()
+        for k in range(ticks):
+            self.data.ctrl[:] = path[k]
+            self._control()
+            compression = self.compression()
+            peak = max(peak, compression)
+            if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
+                self._sample(samples, compression)
+            if compression > limit:
+                stop = Stop.COMPRESSION
+                break
+        if stop is Stop.COMPRESSION:
+            self.halt()
+        else:
+            self._commanded, self._q = pose, path[-1]
+        return Motion(
+            requested=pose,
+            commanded=pose,
+            ended=self.pose(),
+            stop=stop,
+            peak_compression_m=peak,
+            started_s=started,
+            ended_s=self.clock(),
+            trace=samples.trace(),
+        )
+
+    def settle(self, seconds: float) -> None:
+        for _ in range(round(seconds / c.CONTROL_PERIOD)):
+            self._control()
+
+    def tare(self) -> None:
+        self._free_hang = float(self.data.qpos[self._slide])
+
+    def clock(self) -> float:
+        return float(self.data.time)
+
+    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
+        mujoco.mj_kinematics(self.model, self.data)
+        time_s = self.clock()
+        return Observation(
+            time_s=time_s,
+            pose=self.pose(),
+            compression_m=self.compression(),
+            views={name: self.cameras.view(name, self.data, time_s) for name in cameras},
+        )
+
+    def halt(self) -> None:
+        """Hold where the joints are."""
+        self._commanded = self.pose()
+        self._q = self.data.qpos[self.arm.qpos].copy()
+        self.data.ctrl[:] = self._q
+
+    # --- measurements ----------------------------------------------------------------------------
+
+    def pose(self) -> Pose:
+        """The hinge point with the wrist unsprung, from the measured joints."""
+        mujoco.mj_kinematics(self.model, self.data)
+        site = self.data.site_xmat[self._site].reshape(3, 3)
+        return pose_from(self.data.site_xpos[self._site], site)
+
+    def compression(self) -> float:
+        """Of the wrist along its axis, from free hang [m]."""
+        return float(self.data.qpos[self._slide]) - self._free_hang
+
+    # --- inside ----------------------------------------------------------------------------------
+
+    def watch(self, on_step: Callable[[], None]) -> None:
+        """Call `on_step` after every control period; for the live viewer."""
+        self._on_step = on_step
+
+    def _length(self, pose: Pose) -> float:
+        """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
+        line = float(np.linalg.norm(pose.position() - self._commanded.position()))
+        cosine = (np.trace(self._commanded.rotation().T @ pose.rotation()) - 1) / 2
+        return max(line, self.task.tip_below_hinge * math.acos(max(-1.0, min(1.0, cosine))))
+
+    def _control(self) -> None:
+        mujoco.mj_step(self.model, self.data, _STEPS_PER_CONTROL)
+        self._controls += 1
+        if self._controls % _CONTROLS_PER_FRAME == 0:
+            self._keep_frame()
+        self._on_step()
+
+    def _keep_frame(self) -> None:
+        self.frames.append((self.clock(), self.data.qpos.copy()))
+
+    def _sample(self, samples: "_Samples", compression: float) -> None:
+        samples.time_s.append(self.clock())
+        samples.position.append(self.data.site_xpos[self._site].copy())
+        samples.rotation.append(self.data.site_xmat[self._site].reshape(3, 3).copy())
+        samples.compression_m.append(compression)
+
+
+class _Samples:
+    """A trace while it is being taken."""
+
+    def __init__(self) -> None:
+        self.time_s: list[float] = []
+        self.position: list[NDArray[np.float64]] = []
+        self.rotation: list[NDArray[np.float64]] = []
+        self.compression_m: list[float] = []
+
+    def trace(self) -> Trace:
+        angles = [angles_from(r) for r in self.rotation]
+        return Trace(
+            time_s=np.array(self.time_s),
+            pose=np.hstack([np.array(self.position), np.array(angles)]),
+            compression_m=np.array(self.compression_m),
+        )
+
+
+def _along(waypoints: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Joint angles (ticks, 6) at fractions of a path through equally spaced waypoints (n, 6)."""
+    at = fractions * (len(waypoints) - 1)
+    low = np.minimum(at.astype(int), len(waypoints) - 2)
+    part = (at - low)[:, None]
+    return waypoints[low] * (1 - part) + waypoints[low + 1] * part
+
+
+def _nothing() -> None:
+    """No viewer watches."""

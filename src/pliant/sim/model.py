@@ -1,0 +1,309 @@
+"""The MuJoCo model of the cell: UR5e, soft wrist, closed gripper, peg, board, cameras, lights.
+
+Everything a trial randomises is edited in the compiled model (`cell.py`); nothing is recompiled.
+"""
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from pliant.pose import Axis
+from pliant.sim import constants as c
+from pliant.sim.assets import UR5E, menagerie_file
+from pliant.sim.board import hole_prisms
+from pliant.sim.gripper import closed_on
+from pliant.task import BLOCK_SIZE, Task
+
+ARM_JOINTS = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+HINGE_SITE = "hinge"  # on the arm: the hinge point with the wrist unsprung
+TIP_SITE = "tip"  # centre of the peg's bottom face
+BOARD, PEG, WRIST = "board", "peg", "wrist"
+SPRINGS = 3
+_BLACK, _STEEL = [0.12, 0.12, 0.13, 1], [0.75, 0.77, 0.8, 1]
+_HOLE_BITS, _PEG_BITS = (2, 4), (4, 2)  # contype, conaffinity: only peg and fingers meet the board
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WristAxis:
+    axis: Axis
+    stiffness: float
+    damping: float
+
+
+def wrist_axes(task: Task) -> list[_WristAxis]:
+    """The wrist's degrees of freedom, in joint order: four as published, six with lateral springs."""
+    w = task.wrist
+    axes = [
+        _WristAxis(axis=Axis.Z, stiffness=w.stiffness_z, damping=w.damping_z),
+        _WristAxis(axis=Axis.ROLL, stiffness=w.stiffness_roll, damping=w.damping_roll),
+        _WristAxis(axis=Axis.PITCH, stiffness=w.stiffness_pitch, damping=w.damping_pitch),
+        _WristAxis(axis=Axis.YAW, stiffness=w.stiffness_yaw, damping=w.damping_yaw),
+    ]
+    if w.stiffness_y is not None:
+        axes.insert(0, _WristAxis(axis=Axis.Y, stiffness=w.stiffness_y, damping=w.damping_y))
+    if w.stiffness_x is not None:
+        axes.insert(0, _WristAxis(axis=Axis.X, stiffness=w.stiffness_x, damping=w.damping_x))
+    return axes
+
+
+def build(task: Task) -> mujoco.MjModel:
+    """Compile the cell for a task.
+
+    Raises:
+        InputError: the robot models cannot be found.
+    """
+    spec = mujoco.MjSpec.from_file(str(menagerie_file(UR5E)))
+    spec.modelname = f"pliant {task.peg.name}"
+    _options(spec)
+    _arm(spec)
+    hinge = _soft_wrist(spec, task)
+    _gripper(spec, hinge, task)
+    _peg(spec, hinge, task)
+    _board(spec, task)
+    _surroundings(spec)
+    return spec.compile()
+
+
+def _options(spec: mujoco.MjSpec) -> None:
+    spec.option.timestep = c.TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = c.IMPRATIO
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    width, height = c.IMAGE_SIZE
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
+    spec.visual.quality.offsamples = 4
+    spec.visual.quality.shadowsize = 0
+    spec.visual.map.znear, spec.visual.map.zfar = 0.05, 20.0
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.4, 0.4, 0.4]
+    spec.visual.headlight.specular = [0.1, 0.1, 0.1]
+
+
+def _arm(spec: mujoco.MjSpec) -> None:
+    for key in list(spec.keys):
+        spec.delete(key)
+    for light in list(spec.lights):
+        spec.delete(light)
+    spec.body("base").pos = list(c.BASE_POSITION)
+    for geom in list(spec.geoms):
+        if int(geom.contype):  # the arm's own collision shapes: nothing is in their way
+            spec.delete(geom)
+    for body in spec.bodies:
+        body.gravcomp = 0.0 if body.name == "world" else 1.0
+    for actuator in spec.actuators:
+        actuator.gainprm[0] *= c.SERVO_STIFFNESS_FACTOR
+        actuator.biasprm[1] *= c.SERVO_STIFFNESS_FACTOR
+
+
+def _soft_wrist(spec: mujoco.MjSpec, task: Task) -> mujoco.MjsBody:
+    """The sprung body below the flange, aligned with the task frame when the tool hangs down."""
+    link = spec.body("wrist_3_link")
+    flange = spec.site("attachment_site")
+    facing = np.array(flange.quat) / np.linalg.norm(flange.quat)
+    outward, turned = np.zeros(3), np.zeros(4)
+    mujoco.mju_rotVecQuat(outward, np.array([0.0, 0.0, 1.0]), facing)
+    mujoco.mju_mulQuat(turned, facing, np.array([0.0, 1.0, 0.0, 0.0]))
+    point = np.array(flange.pos) + c.WRIST_BELOW_FLANGE * outward
+    link.add_site(name=HINGE_SITE, pos=point, quat=turned, group=4)
+    plate = np.array(flange.pos) + 0.004 * outward
+    link.add_geom(
+        name="flange_plate",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=plate,
+        quat=turned,
+        size=[0.0375, 0.004, 0],
+        rgba=_STEEL,
+        contype=0,
+        conaffinity=0,
+        mass=0,
+    )
+    wrist = link.add_body(name=WRIST, pos=point, quat=turned)
+    wrist.explicitinertial = True
+    wrist.mass = c.GRIPPER_MASS
+    wrist.ipos = [0, 0, -c.GRIPPER_COM_BELOW_HINGE]
+    wrist.inertia = list(c.GRIPPER_INERTIA)
+    directions = {"x": [1, 0, 0], "y": [0, 1, 0], "z": [0, 0, 1]}
+    directions |= {"roll": [1, 0, 0], "pitch": [0, 1, 0], "yaw": [0, 0, 1]}
+    for dof in wrist_axes(task):
+        kind = mujoco.mjtJoint.mjJNT_HINGE if dof.axis.is_angle else mujoco.mjtJoint.mjJNT_SLIDE
+        joint = wrist.add_joint(name=f"wrist_{dof.axis}", type=kind, axis=directions[dof.axis])
+        joint.stiffness = [dof.stiffness, 0.0, 0.0]
+        joint.damping = [dof.damping, 0.0, 0.0]
+        joint.armature = 0.0
+        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+    for k in range(SPRINGS):
+        angle = math.tau * k / SPRINGS + math.pi / 2
+        x, y = 0.026 * math.cos(angle), 0.026 * math.sin(angle)
+        top = np.zeros(3)
+        mujoco.mju_rotVecQuat(top, np.array([x, y, c.WRIST_BELOW_FLANGE - 0.008]), turned)
+        link.add_site(name=f"spring{k}_top", pos=point + top, group=4)
+        wrist.add_site(name=f"spring{k}_bottom", pos=[x, y, c.GRIPPER_RAISED + 0.008], group=4)
+    return wrist
+
+
+def _gripper(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
+    """The closed 2F-85: looks, and two boxes at the fingertips that can touch the board."""
+    mount = np.array([0.0, 0.0, c.GRIPPER_RAISED])
+    down = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn about y: fingers along -z, y kept
+    wrist.add_geom(
+        name="wrist_plate",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=mount + [0, 0, 0.004],
+        size=[0.0375, 0.004, 0],
+        rgba=_STEEL,
+        contype=0,
+        conaffinity=0,
+        mass=0,
+    )
+    loaded = set()
+    for part in closed_on(2 * task.peg.half_extents[1]):
+        position, quaternion = np.zeros(3), np.zeros(4)
+        mujoco.mju_rotVecQuat(position, part.position, down)
+        mujoco.mju_mulQuat(quaternion, down, part.quaternion)
+        common = {"name": f"gripper_{part.name}", "pos": mount + position, "quat": quaternion}
+        if part.mesh is None:
+            contype, conaffinity = _PEG_BITS
+            wrist.add_geom(
+                **common,
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=part.half_size,
+                rgba=part.rgba,
+                mass=0,
+                **_contact(contype, conaffinity),
+            )
+            continue
+        mesh = f"gripper_{part.mesh.stem}"
+        if mesh not in loaded:
+            spec.add_mesh(name=mesh, file=str(part.mesh), scale=[0.001] * 3)
+            loaded.add(mesh)
+        wrist.add_geom(
+            **common,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=mesh,
+            rgba=part.rgba,
+            contype=0,
+            conaffinity=0,
+            group=2,
+            mass=0,
+        )
+
+
+def _contact(contype: int, conaffinity: int) -> dict[str, object]:
+    return {
+        "contype": contype,
+        "conaffinity": conaffinity,
+        "condim": c.CONDIM,
+        "friction": list(c.FRICTION),
+        "solref": list(c.SOLREF),
+        "solimp": list(c.SOLIMP),
+    }
+
+
+def _peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
+    """The peg, fixed in the grasp at an angle that a trial sets through `body_quat`."""
+    peg = task.peg
+    body = wrist.add_body(name=PEG, pos=[0, 0, -task.grasp_below_hinge])
+    half = peg.length / 2
+    center = [0, 0, task.peg_top_above_grasp - half]
+    shape: dict[str, object]
+    if peg.radius is not None:
+        shape = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [peg.radius, half, 0]}
+    elif _is_rectangle(np.array(peg.outline)):
+        shape = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [*peg.half_extents, half]}
+    else:
+        vertices = [(x, y, z) for x, y in peg.outline for z in (-half, half)]
+        spec.add_mesh(name=PEG, uservert=np.array(vertices).ravel())
+        shape = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": PEG}
+    contype, conaffinity = _PEG_BITS
+    body.add_geom(
+        name=PEG,
+        pos=center,
+        mass=c.PEG_MASS,
+        rgba=list(c.PEG_RGBA),
+        **shape,
+        **_contact(contype, conaffinity),
+    )
+    body.add_site(name=TIP_SITE, pos=[0, 0, task.peg_top_above_grasp - peg.length], group=4)
+
+
+def _is_rectangle(outline: np.ndarray) -> bool:
+    edges = np.roll(outline, -1, axis=0) - outline
+    return len(outline) == 4 and bool(np.all(np.isclose(np.prod(edges, axis=1), 0.0)))
+
+
+def _board(spec: mujoco.MjSpec, task: Task) -> None:
+    board = spec.worldbody.add_body(name=BOARD)
+    contype, conaffinity = _HOLE_BITS
+    for i, vertices in enumerate(hole_prisms(task.peg, task.hole)):
+        spec.add_mesh(name=f"board{i}", uservert=vertices.ravel())
+        board.add_geom(
+            name=f"board{i}",
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=f"board{i}",
+            rgba=list(c.BLOCK_RGBA),
+            **_contact(contype, conaffinity),
+        )
+
+
+def _surroundings(spec: mujoco.MjSpec) -> None:
+    world = spec.worldbody
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.93, 0.94, 0.95],
+        rgb2=[0.78, 0.80, 0.82],
+        width=64,
+        height=64,
+    )
+    world.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[0, 0, -BLOCK_SIZE[2]],
+        size=[1.5, 1.5, 0.1],
+        rgba=[0.6, 0.6, 0.58, 1],
+        contype=0,
+        conaffinity=0,
+    )
+    world.add_light(
+        pos=[1.0, -1.0, 2.0],
+        dir=[-0.4, 0.4, -0.8],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=[0.45, 0.45, 0.45],
+        specular=[0.1, 0.1, 0.1],
+        castshadow=False,
+    )
+    world.add_camera(
+        name="side",
+        pos=[c.SIDE_CAMERA_DISTANCE, 0, c.SIDE_CAMERA_HEIGHT],
+        quat=_looking(right=[0, 1, 0], up=[0, 0, 1]),
+        fovy=c.SIDE_CAMERA_FOVY,
+    )
+    back = np.array([0.95, -0.7, 0.35])  # from what it looks at to the camera
+    back_unit = back / np.linalg.norm(back)
+    right = np.cross([0.0, 0.0, 1.0], back_unit)
+    right /= np.linalg.norm(right)
+    world.add_camera(
+        name="wide",
+        pos=np.array([-0.15, 0.0, 0.13]) + back,
+        quat=_looking(right=right, up=np.cross(back_unit, right)),
+        fovy=c.WIDE_CAMERA_FOVY,
+    )
+
+
+def _looking(*, right: object, up: object) -> np.ndarray:
+    """Quaternion of a MuJoCo camera (x right, y up, looking along -z)."""
+    r, u = np.asarray(right, float), np.asarray(up, float)
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.column_stack([r, u, np.cross(r, u)]).ravel())
+    return quaternion

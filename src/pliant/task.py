@@ -1,0 +1,317 @@
+"""What is inserted into what, and what may differ from plan.
+
+`Task` is nominal: everything in it a method may know. `Condition.draw(seed)` gives a `Setup`, what
+is actual in one trial: it belongs to the experiment's side and never reaches a method (Sec. V-A,
+"Randomized conditions").
+"""
+
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pliant.errors import InputError, unknown
+
+BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block with the hole in it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peg:
+    """A straight peg: a disc of `radius`, or a convex polygon `outline`, times `length` [m].
+
+    The outline is in the peg's frame, x away from the robot and y along the insertion plane,
+    counter-clockwise, centred on the peg's axis.
+    """
+
+    name: str
+    radius: float | None = None
+    outline: tuple[tuple[float, float], ...] = ()
+    length: float = 0.09
+
+    def __post_init__(self) -> None:
+        if (self.radius is None) == (not self.outline):
+            raise InputError(f"peg '{self.name}': give either a radius or an outline")
+        if self.radius is not None and not 0.001 <= self.radius <= 0.05:
+            raise InputError(
+                f"peg '{self.name}': radius {self.radius * 1e3:g} mm; it must be 1 to 50 mm"
+            )
+        if not 0.06 <= self.length <= 0.2:
+            raise InputError(
+                f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be 60 to 200 mm"
+            )
+        if self.outline and not _is_convex_ccw(self.outline):
+            raise InputError(
+                f"peg '{self.name}': the outline must be a convex polygon, counter-clockwise"
+            )
+        for axis, half in zip("xy", self.half_extents, strict=True):
+            if not 0.001 <= half <= 0.05:
+                raise InputError(
+                    f"peg '{self.name}': {2e3 * half:g} mm along {axis}; it must be 2 to 100 mm"
+                )
+
+    @property
+    def half_extents(self) -> tuple[float, float]:
+        """Half the peg's size along x and y [m]."""
+        if self.radius is not None:
+            return self.radius, self.radius
+        xs, ys = zip(*self.outline, strict=True)
+        return max(map(abs, xs)), max(map(abs, ys))
+
+    @property
+    def silhouette_x(self) -> float:
+        """x of the peg's outline as the side camera sees it [m]: a cylinder's is at its axis, a
+        prism's at its front face."""
+        return 0.0 if self.radius is not None else self.half_extents[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hole:
+    """The peg's outline grown by half the `clearance` on each side, with a 45 degree `chamfer` [m]."""
+
+    clearance: float = 0.002
+    chamfer: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.clearance <= 0.02:
+            raise InputError(
+                f"hole clearance {self.clearance * 1e3:g} mm: it must be above 0 and at most 20 mm,"
+                " the hole being wider than the peg"
+            )
+        if not 0.0 <= self.chamfer <= 0.01:
+            raise InputError(f"hole chamfer {self.chamfer * 1e3:g} mm: it must be 0 to 10 mm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wrist:
+    """The soft wrist: stiffness [N/m, N m/rad] and damping [N s/m, N m s/rad] per axis.
+
+    The defaults are the four published axes of Fuchioka et al. 2024, the simulator that the paper
+    builds on. A lateral stiffness makes it six, as the real wrist has.
+    """
+
+    stiffness_z: float = 1000.0
+    stiffness_roll: float = 0.5
+    stiffness_pitch: float = 0.5
+    stiffness_yaw: float = 5.0
+    stiffness_x: float | None = None
+    stiffness_y: float | None = None
+    damping_z: float = 1.0
+    damping_roll: float = 0.005
+    damping_pitch: float = 0.005
+    damping_yaw: float = 1.0
+    damping_x: float = 1.0
+    damping_y: float = 1.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InputError(f"wrist {f.name} is {value}: it must be above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """The nominal task: what a method may know before it starts."""
+
+    peg: Peg
+    hole: Hole = field(default_factory=Hole)
+    wrist: Wrist = field(default_factory=Wrist)
+    level: str = "L0"
+
+    # Kinematics of the tool, below the hinge point [m] (Fuchioka et al. 2024).
+    grasp_below_hinge: float = 0.099
+    peg_top_above_grasp: float = 0.005
+
+    def __post_init__(self) -> None:
+        half = max(self.peg.half_extents) + self.hole.clearance / 2 + self.hole.chamfer
+        if half > min(BLOCK_SIZE[:2]) / 2 - 0.01:
+            raise InputError(
+                f"peg '{self.peg.name}': its hole is {2e3 * half:g} mm wide; the block leaves room"
+                f" for {2e3 * (min(BLOCK_SIZE[:2]) / 2 - 0.01):g} mm"
+            )
+
+    @property
+    def tip_below_hinge(self) -> float:
+        """From the hinge point to the centre of the peg's bottom face, ungrasped angle 0 [m]."""
+        return self.grasp_below_hinge - self.peg_top_above_grasp + self.peg.length
+
+    @property
+    def tip_below_grasp(self) -> float:
+        return self.peg.length - self.peg_top_above_grasp
+
+
+# --- what differs from plan --------------------------------------------------------------------
+
+NOMINAL: Mapping[str, float] = {"friction": 1.0, "hole_y": 0.0, "grasp_roll": 0.0}
+"""Every quantity that can be drawn, and its nominal value: friction is a factor on the hole's,
+hole_y [m], grasp_roll [rad] the peg's angle in the grasp."""
+
+PAPER_RANGES: Mapping[str, tuple[float, float]] = {
+    "friction": (1.0, 5.0),
+    "hole_y": (-0.02, 0.02),
+    "grasp_roll": (-math.radians(5), math.radians(5)),
+}
+
+VALID_RANGES: Mapping[str, tuple[float, float]] = {
+    "friction": (0.05, 20.0),
+    "hole_y": (-0.04, 0.04),
+    "grasp_roll": (-math.radians(15), math.radians(15)),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What is actual in one trial. Ground truth: it stays on the experiment's side."""
+
+    seed: int
+    friction: float = 1.0
+    hole_y: float = 0.0
+    grasp_roll: float = 0.0
+
+    def quantities(self) -> dict[str, float]:
+        return {name: getattr(self, name) for name in NOMINAL}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """Which quantities are drawn, each uniformly from its range; the others stay nominal."""
+
+    name: str
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in self.ranges.items():
+            if name not in NOMINAL:
+                raise unknown("quantity", name, NOMINAL)
+            least, most = VALID_RANGES[name]
+            if not least <= low <= high <= most:
+                raise InputError(
+                    f"condition '{self.name}': range {low:g} to {high:g} of {name} cannot be;"
+                    f" it must lie in order within {least:g} to {most:g}"
+                )
+
+    def draw(self, seed: int) -> Setup:
+        """The trial's setup. Every quantity has a stream of its own, so that a seed means the same
+        draw in every condition and for every peg."""
+        drawn = {
+            name: float(_stream(seed, name).uniform(low, high))
+            for name, (low, high) in self.ranges.items()
+        }
+        return Setup(seed=seed, **drawn)
+
+
+def _stream(seed: int, name: str) -> np.random.Generator:
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
+def _paper(name: str, *quantities: str) -> Condition:
+    return Condition(name=name, ranges={q: PAPER_RANGES[q] for q in quantities})
+
+
+CONDITIONS: Mapping[str, Condition] = {
+    c.name: c
+    for c in (
+        _paper("none"),
+        _paper("friction", "friction"),
+        _paper("pose", "hole_y", "grasp_roll"),
+        _paper("all", "friction", "hole_y", "grasp_roll"),
+    )
+}
+
+
+def condition(name: str) -> Condition:
+    """One of the paper's four conditions.
+
+    Raises:
+        InputError: no condition has that name.
+    """
+    if name not in CONDITIONS:
+        raise unknown("condition", name, CONDITIONS)
+    return CONDITIONS[name]
+
+
+# --- pegs are data -----------------------------------------------------------------------------
+
+LEVELS = ("L0",)
+
+
+def shipped_pegs() -> list[str]:
+    return sorted(
+        p.name.removesuffix(".yaml")
+        for p in (files("pliant") / "pegs").iterdir()
+        if p.name.endswith(".yaml")
+    )
+
+
+def load_task(peg: str, level: str = "L0") -> Task:
+    """The nominal task for a shipped peg's name or a peg file's path.
+
+    Raises:
+        InputError: the name is unknown, or the file is missing or broken.
+    """
+    if level not in LEVELS:
+        raise unknown("level", level, LEVELS)
+    if peg in shipped_pegs():
+        text = (files("pliant") / "pegs" / f"{peg}.yaml").read_text()
+        return _parse_peg(text, peg, level)
+    path = Path(peg)
+    if path.suffix not in (".yaml", ".yml"):
+        raise unknown("peg", peg, shipped_pegs(), "or the path of a peg file (.yaml)")
+    try:
+        text = path.read_text()
+    except OSError as error:
+        raise InputError(f"peg file '{peg}' cannot be read: {error.strerror}") from error
+    return _parse_peg(text, path.stem, level)
+
+
+def _parse_peg(text: str, name: str, level: str) -> Task:
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        first = str(error).splitlines()[0]
+        raise InputError(f"peg file '{name}' is not YAML: {first}") from error
+    if not isinstance(data, dict):
+        raise InputError(f"peg file '{name}' holds no fields; see the shipped circle.yaml")
+    data = dict(data)
+    shape = data.pop("shape", None)
+    length = _millimetres(data, "length_mm", name, 90.0)
+    hole = Hole(
+        clearance=_millimetres(data, "clearance_mm", name, 2.0),
+        chamfer=_millimetres(data, "chamfer_mm", name, 0.0),
+    )
+    if shape == "circle":
+        peg = Peg(name=name, radius=_millimetres(data, "diameter_mm", name) / 2, length=length)
+    elif shape == "rectangle":
+        sx = _millimetres(data, "size_x_mm", name) / 2
+        sy = _millimetres(data, "size_y_mm", name) / 2
+        corners = ((-sx, -sy), (sx, -sy), (sx, sy), (-sx, sy))
+        peg = Peg(name=name, outline=corners, length=length)
+    else:
+        raise unknown("shape", shape, ("circle", "rectangle"), f"in peg file '{name}'")
+    if data:
+        raise InputError(f"peg file '{name}': unknown field '{next(iter(data))}' for shape '{shape}'")
+    return Task(peg=peg, hole=hole, level=level)
+
+
+def _millimetres(data: dict[str, Any], key: str, name: str, default: float | None = None) -> float:
+    value = data.pop(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"peg file '{name}': {key} is {value!r}; it must be a number of millimetres")
+    return float(value) * 1e-3
+
+
+def _is_convex_ccw(outline: tuple[tuple[float, float], ...]) -> bool:
+    n = len(outline)
+    if n < 3:
+        return False
+    for i in range(n):
+        (ax, ay), (bx, by), (cx, cy) = outline[i], outline[(i + 1) % n], outline[(i + 2) % n]
+        if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) <= 0:
+            return False
+    return True

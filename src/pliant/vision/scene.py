@@ -1,0 +1,57 @@
+"""What is measured in one picture: pixels as the paper uses them, and metres through the calibration."""
+
+from dataclasses import dataclass
+
+Pixel = tuple[float, float]
+"""(column, row); columns grow toward +y, rows downward."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """A value [m or rad] and its standard deviation."""
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PegSeen:
+    """The peg as the picture shows it.
+
+    `box_px` are the corners of the minimum-area rectangle around the visible peg; P_center and
+    P_edge of Table I are its centre and its bottom-right corner. Tilt is positive to the left.
+    The metric corners are those of the whole peg, also where the hole hides it: its visible top
+    edge plus its known length.
+    """
+
+    box_px: tuple[Pixel, Pixel, Pixel, Pixel]
+    center_px: Pixel
+    edge_px: Pixel
+    tilt_deg: float  # of the minimum-area rectangle
+    tilt: Measured  # [rad], from the peg's two long edges
+    tip_y: Measured  # centre of the bottom face [m]
+    tip_z: Measured
+    left_y: float  # bottom-left corner [m]
+    left_z: float
+    right_y: float  # bottom-right corner [m]
+    right_z: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoleSeen:
+    """The block with the hole: H_center of Table I, and the same in metres."""
+
+    box_px: tuple[Pixel, Pixel, Pixel, Pixel]
+    center_px: Pixel
+    y: Measured  # hole centre [m]
+    surface_z: Measured  # the board's surface [m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """One picture's measurement. What could not be measured is None, with the reason in `problems`."""
+
+    peg: PegSeen | None
+    hole: HoleSeen | None
+    problems: tuple[str, ...] = ()
+    time_s: float = 0.0
