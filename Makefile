@@ -1,0 +1,42 @@
+# Needs only python3 with venv, make and git. Everything it makes stays in this folder, except the
+# system package for drawing pictures, which tools/ensure_opengl.sh installs where root runs it.
+.DEFAULT_GOAL := help
+.PHONY: help setup run test test-system bench clean
+UV_VERSION := 0.13.9
+SEED ?= 1
+BIN := .venv/bin
+
+export UV_CACHE_DIR := $(CURDIR)/.cache/uv
+export UV_PYTHON_DOWNLOADS := never
+export UV_PYTHON_PREFERENCE := only-system
+export MESA_SHADER_CACHE_DIR := $(CURDIR)/.cache/mesa
+unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
+
+help:  ## List the targets
+	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1\t\2/p' Makefile | expand -t 20
+setup: .venv/.synced  ## Make .venv from the lock file, and see that pictures can be drawn
+	@tools/ensure_opengl.sh
+run: setup  ## One trial under every disturbance, into runs/first (SEED=n for another)
+	rm -rf runs/first
+	$(BIN)/pliant run --peg circle --condition all --seed $(SEED) --reasoner rules --out runs/first
+test: setup  ## Style, types, layers, the wheel and the tests
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo --cache-dir .cache/import-linter
+	tools/smoke_wheel.sh
+	$(BIN)/pytest -n auto
+test-system: setup  ## Tests that need a server or a browser
+	@if grep -rqs 'mark\.system' tests; then $(BIN)/pytest -m system; \
+	else echo 'No test needs a server or a browser yet.'; fi
+bench: setup  ## Measure speed
+	$(BIN)/python benchmarks/speed.py
+clean:  ## Remove what make made, but not the results in runs/
+	rm -rf .venv .tools .cache .hypothesis dist
+.tools/uv-$(UV_VERSION):
+	python3 -m venv --clear .tools
+	.tools/bin/pip install --quiet --no-cache-dir --disable-pip-version-check uv==$(UV_VERSION)
+	touch $@
+.venv/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
+	.tools/bin/uv sync --frozen --quiet
+	touch $@

@@ -1,0 +1,13 @@
+"""What every test needs before it is collected."""
+
+import os
+
+from hypothesis import settings
+
+from pliant.sim.gl import choose_backend
+
+choose_backend()  # before a test module imports MuJoCo
+
+settings.register_profile("local", deadline=None)  # a first picture takes a second
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "local")
