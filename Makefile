@@ -9,6 +9,7 @@ BIN := .venv/bin
 export UV_CACHE_DIR := $(CURDIR)/.cache/uv
 export UV_PYTHON_DOWNLOADS := never
 export UV_PYTHON_PREFERENCE := only-system
+export UV_SYSTEM_CERTS := 1
 export MESA_SHADER_CACHE_DIR := $(CURDIR)/.cache/mesa
 unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 
