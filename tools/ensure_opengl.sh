@@ -29,7 +29,7 @@ install="apt-get update && apt-get install -y --no-install-recommends $package"
 if reason=$(draws 2>&1); then
   exit 0
 fi
-echo "$reason" >&2
+echo "${reason##*$'\n'}" >&2 # a traceback's last line
 if ! command -v apt-get >/dev/null; then
   echo "MuJoCo cannot draw pictures: install OSMesa (Mesa's software OpenGL), then try again." >&2
   exit 1
@@ -44,7 +44,7 @@ DEBIAN_FRONTEND=noninteractive sh -c "$install" >/dev/null
 if reason=$(draws 2>&1); then
   exit 0
 fi
-echo "$reason" >&2
+echo "${reason##*$'\n'}" >&2
 if MUJOCO_GL=osmesa draws >/dev/null 2>&1; then
   echo "MuJoCo draws only with software OpenGL here: type 'export MUJOCO_GL=osmesa', then try again." >&2
 fi
