@@ -33,7 +33,7 @@ Array = Annotated[NDArray[np.float64], PlainValidator(_array_from), PlainSeriali
 def _image_from(value: Any, info: Any) -> NDArray[np.uint8]:
     if isinstance(value, np.ndarray):
         return value
-    return info.context.load(value)  # type: ignore[no-any-return]
+    return info.context.load(value)
 
 
 def _image_to(value: NDArray[np.uint8], info: Any) -> Any:
@@ -49,6 +49,10 @@ class Stop(StrEnum):
 
     REACHED = "reached"
     COMPRESSION = "compression"
+
+    @property
+    def is_early(self) -> bool:
+        return self is not Stop.REACHED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

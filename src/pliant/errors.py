@@ -1,10 +1,9 @@
 """The errors a user meets.
 
-    PliantError
-    ├── InputError      something the user gave cannot be used: exit status 2, one line
-    └── RobotFault      the cell failed during a trial: recorded as the trial's end reason
+PliantError
+├── InputError      something the user gave cannot be used: exit status 2, one line
+└── RobotFault      the cell failed during a trial: recorded as the trial's end reason
 """
-
 
 from collections.abc import Iterable
 
@@ -28,4 +27,6 @@ class RobotFault(PliantError):
 def unknown(what: str, value: object, valid: Iterable[object], advice: str = "") -> InputError:
     """The error for a name that is not among the valid ones."""
     names = ", ".join(str(v) for v in valid)
-    return InputError(f"unknown {what} '{value}': valid are {names}{'; ' + advice if advice else ''}")
+    return InputError(
+        f"unknown {what} '{value}': valid are {names}{'; ' + advice if advice else ''}"
+    )

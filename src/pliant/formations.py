@@ -1,15 +1,10 @@
-"""The five contact formations, the axes each owns, and the goals that were taught for them (Sec. III)."""
+"""The five contact formations, the axes each owns, their goals, and plan steps (Sec. III)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
-from typing import Any
 
-import yaml
-
-from pliant.cell import Image
-from pliant.errors import InputError, unknown
+from pliant.errors import InputError
 from pliant.pose import Axis, Partial, Pose, describe
 
 
@@ -74,7 +69,7 @@ class Goals:
             check_axes(formation, self.formations[formation])
 
     def target(self, formation: Formation) -> Pose:
-        """The whole pose of a formation's goal: its own axes, the rest from the formations before."""
+        """A formation's whole goal pose: its own axes, the rest from the formations before."""
         pose = Pose()
         for earlier in list(Formation)[: formation.order + 1]:
             pose = pose.updated(self.formations[earlier])
@@ -101,108 +96,3 @@ def check_axes(formation: Formation, goal: Partial) -> None:
     for axis in owned:
         if axis not in goal:
             raise InputError(f"goal for {formation} lacks {axis}; it must give {names}")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Demonstration:
-    """What was recorded when a formation's goal was taught: the pose that was reached, the picture,
-    and the peg that was in the gripper (Sec. II: p_g and I_g)."""
-
-    formation: Formation
-    pose: Pose
-    peg: str
-    image: Image = field(repr=False)
-
-
-GOALS_SCHEMA = 1
-
-
-def load_goals(path: Path) -> tuple[Goals, dict[Formation, Demonstration]]:
-    """Read taught goals: a YAML file with its pictures beside it.
-
-    Raises:
-        InputError: the file or a picture is missing, or broken.
-    """
-    import cv2
-
-    try:
-        text = path.read_text()
-    except OSError as error:
-        raise InputError(
-            f"goal file '{path}' cannot be read: {error.strerror}; leave it out to use the shipped"
-            " goals"
-        ) from error
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"goal file '{path}' is not YAML: {str(error).splitlines()[0]}") from error
-    if not isinstance(data, dict) or data.get("schema") != GOALS_SCHEMA:
-        raise InputError(f"goal file '{path}' must say 'schema: {GOALS_SCHEMA}'")
-    peg = str(data.get("peg", ""))
-    entries = data.get("formations")
-    if not isinstance(entries, dict):
-        raise InputError(f"goal file '{path}' must list 'formations'")
-    goals: dict[Formation, Partial] = {}
-    demonstrations: dict[Formation, Demonstration] = {}
-    for name, entry in entries.items():
-        if name not in list(Formation):
-            raise unknown("formation", name, Formation, f"in goal file '{path}'")
-        formation = Formation(name)
-        if not isinstance(entry, dict):
-            raise InputError(f"goal file '{path}': {name} must have a goal, a pose and a picture")
-        goals[formation] = _partial(entry.get("goal"), path, name)
-        picture = path.parent / str(entry.get("picture"))
-        bgr = cv2.imread(str(picture)) if picture.is_file() else None
-        if bgr is None:
-            raise InputError(f"goal file '{path}': the picture '{picture}' of {name} is missing")
-        demonstrations[formation] = Demonstration(
-            formation=formation,
-            pose=Pose().updated(_partial(entry.get("pose"), path, name)),
-            peg=peg,
-            image=cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB),  # type: ignore[arg-type]
-        )
-    try:
-        return Goals(formations=goals), demonstrations
-    except InputError as error:
-        raise InputError(f"goal file '{path}': {error}") from error
-
-
-def _partial(entry: Any, path: Path, name: str) -> dict[Axis, float]:
-    """{"y_mm": 26} to {Axis.Y: 0.026}."""
-    if not isinstance(entry, dict) or not entry:
-        raise InputError(f"goal file '{path}': {name} lacks its goal or pose")
-    units = {f"{axis}_{axis.report_unit}": axis for axis in Axis}
-    result = {}
-    for key, value in entry.items():
-        if key not in units:
-            raise unknown("goal field", key, units, f"in goal file '{path}'")
-        if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1e4:
-            raise InputError(f"goal file '{path}': {name} {key} is {value!r}; it must be a number")
-        result[units[key]] = units[key].from_report(float(value))
-    return result
-
-
-def save_goals(
-    path: Path, goals: Goals, demonstrations: Mapping[Formation, Demonstration]
-) -> None:
-    """Write taught goals as `load_goals` reads them: YAML, and a PNG per formation beside it."""
-    import cv2
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    peg = next(iter(demonstrations.values())).peg
-    entries: dict[str, Any] = {}
-    for formation in Formation:
-        shown = demonstrations[formation]
-        picture = f"{formation}.png"
-        cv2.imwrite(str(path.parent / picture), cv2.cvtColor(shown.image, cv2.COLOR_RGB2BGR))
-        entries[str(formation)] = {
-            "goal": _report(goals.formations[formation]),
-            "pose": _report({axis: shown.pose[axis] for axis in Axis}),
-            "picture": picture,
-        }
-    document = {"schema": GOALS_SCHEMA, "peg": peg, "frame": "task", "formations": entries}
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
-
-
-def _report(goal: Partial) -> dict[str, float]:
-    return {f"{a}_{a.report_unit}": round(a.to_report(v), 3) + 0.0 for a, v in goal.items()}

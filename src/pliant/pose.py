@@ -1,4 +1,4 @@
-"""Poses in the task frame: where the wrist's hinge point is, and which of its axes a goal speaks of.
+"""Poses in the task frame: where the wrist's hinge point is, and which axes a goal speaks of.
 
 The task frame has its origin at the nominal hole's centre on the board's surface, z up. The side
 camera stands at +x and looks along -x, so +y is right in its picture. Lengths are metres, angles

@@ -11,9 +11,10 @@ from enum import StrEnum
 
 from pliant.belief import Belief
 from pliant.cell import Motion, Observation, Stop, Truth
-from pliant.formations import Demonstration, Formation, Goals, Step
+from pliant.formations import Formation, Goals, Step
 from pliant.pose import Partial, Pose
 from pliant.task import Task
+from pliant.teaching import Teaching
 from pliant.vision.scene import Scene
 
 SCHEMA = 1
@@ -110,7 +111,7 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class FailureAnalysis:
-    """What happened, why, how to recover, and the motion relative to the current goal (Sec. IV-B)."""
+    """What happened, why, how to recover, and the motion from the current goal (Sec. IV-B)."""
 
     what: str
     why: str
@@ -120,7 +121,8 @@ class FailureAnalysis:
 
 @dataclass(frozen=True, kw_only=True)
 class Recovery:
-    """An analysis and the steps that follow from it; no steps: stop."""
+    """An analysis and the steps that follow from it; no steps: stop. A reasoner that gives no
+    Recovery at all keeps to the plan it has."""
 
     analysis: FailureAnalysis
     steps: tuple[Step, ...]
@@ -143,6 +145,7 @@ class Execution:
     index: int
     outcome: Outcome
     evidence: Evidence
+    belief: Belief
     verdict: Verdict
     recovery: Recovery | None = None
     admission: Admission | None = None
@@ -158,9 +161,8 @@ class Case:
     can be judged again. `goals` are the ones in force, updated by the recoveries so far."""
 
     task: Task
-    taught: Goals
+    teaching: Teaching = field(repr=False)
     goals: Goals
-    demonstrations: Mapping[Formation, Demonstration] = field(repr=False)
     history: tuple[Execution, ...]
     outcome: Outcome
     evidence: Evidence
@@ -190,6 +192,7 @@ class Trial:
     goals: Goals
     executions: tuple[Execution, ...]
     end_reason: str
+    fault: str  # what the cell said, for `fault:<kind>`
     simulated_s: float
     wall_s: float
     drawn: Mapping[str, float] = field(default_factory=dict)  # the setup: truth
@@ -199,11 +202,7 @@ class Trial:
     def judged(self) -> bool:
         """The paper's F: the verdict on Insertion was success."""
         last = self.executions[-1] if self.executions else None
-        return (
-            last is not None
-            and last.formation is Formation.INSERTION
-            and last.verdict.success
-        )
+        return last is not None and last.formation is Formation.INSERTION and last.verdict.success
 
     @property
     def inserted(self) -> bool | None:

@@ -72,7 +72,7 @@ class Peg:
 
 @dataclass(frozen=True, kw_only=True)
 class Hole:
-    """The peg's outline grown by half the `clearance` on each side, with a 45 degree `chamfer` [m]."""
+    """The peg's outline grown by half the `clearance` all round, with a 45 degree `chamfer` [m]."""
 
     clearance: float = 0.002
     chamfer: float = 0.0
@@ -295,14 +295,18 @@ def _parse_peg(text: str, name: str, level: str) -> Task:
     else:
         raise unknown("shape", shape, ("circle", "rectangle"), f"in peg file '{name}'")
     if data:
-        raise InputError(f"peg file '{name}': unknown field '{next(iter(data))}' for shape '{shape}'")
+        raise InputError(
+            f"peg file '{name}': unknown field '{next(iter(data))}' for shape '{shape}'"
+        )
     return Task(peg=peg, hole=hole, level=level)
 
 
 def _millimetres(data: dict[str, Any], key: str, name: str, default: float | None = None) -> float:
     value = data.pop(key, default)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"peg file '{name}': {key} is {value!r}; it must be a number of millimetres")
+        raise InputError(
+            f"peg file '{name}': {key} is {value!r}; it must be a number of millimetres"
+        )
     return float(value) * 1e-3
 
 

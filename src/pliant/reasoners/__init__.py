@@ -1,0 +1,38 @@
+"""Reasoners by name: the controls, the rules, or a user's own as `my_reasoner.py:Mine`."""
+
+import importlib.util
+from collections.abc import Mapping
+from pathlib import Path
+
+from pliant.errors import InputError, unknown
+from pliant.reasoners.controls import OpenLoop, Retry
+from pliant.reasoners.rules import Rules
+from pliant.recovery import Reasoner
+
+REASONERS: Mapping[str, type[Rules]] = {"rules": Rules, "retry": Retry, "none": OpenLoop}
+
+
+def reasoner(name: str) -> Reasoner:
+    """Make a reasoner; one per trial, so that it may remember within the trial.
+
+    Raises:
+        InputError: the name is unknown, or the file or class it points to cannot be used.
+    """
+    if name in REASONERS:
+        return REASONERS[name]()
+    path, colon, attribute = name.rpartition(":")
+    if not colon or not path.endswith(".py"):
+        raise unknown("reasoner", name, REASONERS, "or your own as path/to/file.py:Class")
+    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    if spec is None or spec.loader is None or not Path(path).is_file():
+        raise InputError(f"reasoner file '{path}' does not exist")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        made = getattr(module, attribute)()
+    except Exception as error:  # a user's file may raise anything
+        raise InputError(f"reasoner '{name}' cannot be made: {error!r}") from error
+    for method in ("judge", "recover", "name"):
+        if not hasattr(made, method):
+            raise InputError(f"reasoner '{name}' lacks '{method}'; see pliant.recovery.Reasoner")
+    return made

@@ -61,7 +61,7 @@ class Arm:
         raise RobotFault("unreachable", f"the arm cannot reach {np.round(position, 3)} m")
 
     def line(self, start: Pose, end: Pose, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joint waypoints (n, 6) [rad], equally spaced along the straight line between two poses."""
+        """Joint waypoints (n, 6) [rad], equally spaced on the straight line between two poses."""
         length = float(np.linalg.norm(end.position() - start.position()))
         turn = _rotation_vector(start.rotation().T @ end.rotation())
         angle = float(np.linalg.norm(turn))

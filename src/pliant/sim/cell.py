@@ -75,7 +75,9 @@ class SimCell:
         """The trial so far, for drawing it again."""
         robot, _ = self._prepared()
         times, qpos = zip(*robot.frames, strict=True)
-        return Trajectory(time_s=np.array(times), qpos=np.array(qpos, np.float32), setup=robot.setup)
+        return Trajectory(
+            time_s=np.array(times), qpos=np.array(qpos, np.float32), setup=robot.setup
+        )
 
     def _prepared(self) -> "tuple[SimRobot, Task]":
         if self._robot is None or self._task is None:
@@ -159,7 +161,7 @@ class SimRobot:
         waypoints = self.arm.line(self._commanded, pose, self._q)
         profile = Profile(self._length(pose), speed_m_s, c.ACCELERATION_RAMP)
         ticks = max(1, math.ceil(profile.duration / c.CONTROL_PERIOD))
-        fractions = profile.fractions(np.arange(1, ticks + 1) * c.CONTROL_PERIOD)
+        fractions = profile.fractions(np.arange(1.0, ticks + 1.0) * c.CONTROL_PERIOD)
         path = _along(waypoints, fractions)
 
         compression = peak = self.compression()

@@ -43,7 +43,10 @@ def closed_on(width: float) -> tuple[Part, ...]:
         type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0, 0, 0.155], size=[0.02, width / 2, 0.03]
     )
     spec.option.gravity = [0, 0, 0]
-    files = {m.name or Path(m.file).stem: Path(spec.modelfiledir, spec.meshdir, m.file) for m in spec.meshes}
+    files = {
+        m.name or Path(m.file).stem: Path(spec.modelfiledir, spec.meshdir, m.file)
+        for m in spec.meshes
+    }
     model = spec.compile()
     data = mujoco.MjData(model)
     for step in range(_CLOSING_STEPS):  # slowly, until the pads touch

@@ -40,7 +40,7 @@ class _WristAxis:
 
 
 def wrist_axes(task: Task) -> list[_WristAxis]:
-    """The wrist's degrees of freedom, in joint order: four as published, six with lateral springs."""
+    """The wrist's joints in order: four as published, six with lateral springs."""
     w = task.wrist
     axes = [
         _WristAxis(axis=Axis.Z, stiffness=w.stiffness_z, damping=w.damping_z),

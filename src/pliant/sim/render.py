@@ -1,6 +1,7 @@
 """Pictures of the simulated cell, from calibrated cameras."""
 
 import math
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -83,7 +84,9 @@ def _calibration(model: mujoco.MjModel, name: str) -> Camera:
     )
 
 
-def _draw_spring(scene: mujoco.MjvScene, bottom: NDArray[np.float64], top: NDArray[np.float64]) -> None:
+def _draw_spring(
+    scene: mujoco.MjvScene, bottom: NDArray[np.float64], top: NDArray[np.float64]
+) -> None:
     """A helix between two points, as short capsules that belong to the picture only."""
     axis = top - bottom
     side = np.cross(axis, [1.0, 0.0, 0.0])
@@ -97,7 +100,7 @@ def _draw_spring(scene: mujoco.MjvScene, bottom: NDArray[np.float64], top: NDArr
         + s[:, None] * axis
         + _COIL_RADIUS * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * other)
     )
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in pairwise(points):
         geom = scene.geoms[scene.ngeom]
         mujoco.mjv_initGeom(
             geom,

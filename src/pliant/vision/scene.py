@@ -1,4 +1,4 @@
-"""What is measured in one picture: pixels as the paper uses them, and metres through the calibration."""
+"""What is measured in one picture: pixels as in the paper, metres through the calibration."""
 
 from dataclasses import dataclass
 
@@ -49,7 +49,7 @@ class HoleSeen:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One picture's measurement. What could not be measured is None, with the reason in `problems`."""
+    """One picture's measurement. What could not be measured is None; `problems` says why."""
 
     peg: PegSeen | None
     hole: HoleSeen | None

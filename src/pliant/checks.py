@@ -1,0 +1,202 @@
+"""The success checks of one execution: Table I, pose and compression as in the paper, and pliant's
+own metric check beside them (Sec. IV-A).
+
+Table I is applied to the picture's pixels, literally. Where it cannot see a failure (the trailing
+corner still on the near rim looks like a fit), the metric check votes too. A check that cannot be
+made has no vote, and says why.
+"""
+
+import math
+from collections.abc import Mapping
+
+from pliant.cell import Stop
+from pliant.formations import OWNED, Formation
+from pliant.pose import Axis, Partial, describe
+from pliant.records import Check, Evidence, Outcome
+from pliant.task import Task
+from pliant.vision.scene import PegSeen, Scene
+
+POSE_TOLERANCE_M = 0.001  # the paper's p_th
+POSE_TOLERANCE_RAD = math.radians(0.5)  # our choice
+TILT_TOLERANCE_DEG = 5.0  # Table I
+ON_HOLE_M = 0.008  # Table I's "on the hole": P_center this close to H_center; our choice
+INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
+
+IN_HOLE_DEPTH_M = 0.0012  # metric Fit: the low corner is this far below the board's surface
+RIM_MARGIN_M = 0.0005  # metric Fit: the trailing corner is this far inside the near rim
+DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
+
+
+def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
+    """Make every check that the executed formation calls for."""
+    formation = outcome.step.formation
+    checks = [pose_check(outcome), compression_check(outcome)]
+    if formation in (Formation.FIT, Formation.ALIGN):
+        checks.append(table_i(formation, outcome.scene, on_hole_px(outcome)))
+    metric = {
+        Formation.FIT: metric_fit,
+        Formation.ALIGN: metric_align,
+        Formation.INSERTION: metric_insertion,
+    }.get(formation)
+    if metric is not None:
+        checks.append(metric(task, outcome.scene))
+    if formation is Formation.INSERTION:
+        checks.append(goal_picture(outcome.scene, taught.get(formation)))
+    return Evidence(checks=tuple(checks))
+
+
+# --- the paper's checks ------------------------------------------------------------------------
+
+
+def pose_check(outcome: Outcome) -> Check:
+    """The axes that the formation owns reached their goal: 1 mm, 0.5 degrees."""
+    owned = OWNED[outcome.step.formation]
+    error = outcome.target.error(outcome.pose, owned)
+    missed = {a: e for a, e in error.items() if abs(e) > _tolerance(a)}
+    message = f"off by {_signed(missed)}" if missed else f"reached {describe(outcome.step.goal)}"
+    return Check(name="pose", vote=not missed, message=message)
+
+
+def compression_check(outcome: Outcome) -> Check:
+    peak = f"{outcome.peak_compression_m * 1e3:.1f} mm"
+    if outcome.stop is Stop.COMPRESSION:
+        return Check(name="compression", vote=False, message=f"limit reached at {peak}")
+    return Check(name="compression", vote=True, message=f"at most {peak}")
+
+
+def table_i(formation: Formation, scene: Scene, on_hole: float) -> Check:
+    """Table I, with the paper's words. `on_hole` is the tolerance in pixels."""
+    if scene.peg is None or scene.hole is None:
+        return Check(name="table_i", vote=None, message="; ".join(scene.problems))
+    center, edge = scene.peg.center_px[0], scene.peg.edge_px[0]
+    hole = scene.hole.center_px[0]
+    if formation is Formation.FIT:
+        message = _fit_message(center, edge, hole)
+        return Check(name="table_i", vote=message == "success", message=message)
+    message = _align_message(center - hole, scene.peg.tilt_deg, on_hole)
+    return Check(name="table_i", vote=message == "Align success", message=message)
+
+
+def _fit_message(center: float, edge: float, hole: float) -> str:
+    if center <= hole:
+        return "success" if edge > hole else "p_gy was too small."
+    return "p_gy was too big."
+
+
+def _align_message(offset: float, tilt_deg: float, on_hole: float) -> str:
+    side = 0 if abs(offset) <= on_hole else (-1 if offset < 0 else 1)
+    lean = 0 if abs(tilt_deg) <= TILT_TOLERANCE_DEG else (1 if tilt_deg > 0 else -1)
+    return {
+        (0, 0): "Align success",
+        (0, 1): "peg is tilted to the left.",
+        (0, -1): "peg is tilted to the right.",
+        (-1, 0): "p_ey was too small.",
+        (1, 0): "p_ey was too big.",
+        (-1, 1): "peg is tilted to the left. p_gy was too small.",
+        (1, 1): "p_gy was too big. also tilted to the left.",
+        (-1, -1): "p_gy was too small. also tilted to the right.",
+        (1, -1): "p_gy was too big. also tilted to the right.",
+    }[side, lean]
+
+
+def on_hole_px(outcome: Outcome) -> float:
+    camera = outcome.looks[-1].observation.views["side"].camera
+    return ON_HOLE_M / camera.metres_per_pixel(0.0)
+
+
+# --- pliant's own checks -----------------------------------------------------------------------
+
+
+def metric_fit(task: Task, scene: Scene) -> Check:
+    """The low corner is in the hole and the trailing corner has cleared the near rim."""
+    if scene.peg is None or scene.hole is None:
+        return _unmade("metric", scene)
+    half = half_hole(task)
+    depth = scene.hole.surface_z.value - low_corner(scene.peg)[1]
+    past_rim = near_rim(task, scene) - scene.peg.right_y
+    beyond = (scene.hole.y.value - half) - scene.peg.tip_y.value
+    words = (
+        f"low corner {depth * 1e3:.1f} mm deep,"
+        f" trailing corner {past_rim * 1e3:.1f} mm past the near rim"
+    )
+    if beyond > 0:
+        return _metric(False, f"peg is {beyond * 1e3:.1f} mm beyond the far rim")
+    return _metric(depth >= IN_HOLE_DEPTH_M and past_rim >= RIM_MARGIN_M, words)
+
+
+def metric_align(task: Task, scene: Scene) -> Check:
+    """Both lower corners are inside the hole's rims, and the peg stands within 5 degrees."""
+    if scene.peg is None or scene.hole is None:
+        return _unmade("metric", scene)
+    offset = scene.peg.tip_y.value - scene.hole.y.value
+    tilt = math.degrees(scene.peg.tilt.value)
+    depth = scene.hole.surface_z.value - max(scene.peg.left_z, scene.peg.right_z)
+    words = (
+        f"tip {offset * 1e3:+.1f} mm from the hole,"
+        f" high corner {depth * 1e3:.1f} mm deep, tilt {tilt:.1f} deg"
+    )
+    inside = abs(offset) <= task.hole.clearance / 2 + 0.0015
+    return _metric(inside and abs(tilt) <= TILT_TOLERANCE_DEG and depth > 0.0, words)
+
+
+def metric_insertion(task: Task, scene: Scene) -> Check:
+    """The centre of the bottom face is 10 mm deep, inside the hole."""
+    if scene.peg is None or scene.hole is None:
+        return _unmade("metric", scene)
+    depth = scene.hole.surface_z.value - scene.peg.tip_z.value
+    offset = scene.peg.tip_y.value - scene.hole.y.value
+    words = f"{depth * 1e3:.1f} mm deep, {offset * 1e3:+.1f} mm from the hole's centre"
+    deep = depth >= INSERTED_DEPTH_M + DEPTH_MARGIN_M
+    return _metric(deep and abs(offset) <= half_hole(task), words)
+
+
+def goal_picture(scene: Scene, taught: Scene | None) -> Check:
+    """The picture against the goal picture, relative to the hole: as much of the peg is hidden, to
+    the criterion's depth, and it stands as upright. The paper asks the VLM this question."""
+    if taught is None or taught.peg is None or taught.hole is None:
+        return Check(name="goal_picture", vote=None, message="no goal picture", paper=True)
+    if scene.peg is None or scene.hole is None:
+        return _unmade("goal_picture", scene, paper=True)
+    height = scene.peg.tip_z.value - scene.hole.surface_z.value
+    goal = taught.peg.tip_z.value - taught.hole.surface_z.value
+    lean = math.degrees(scene.peg.tilt.value - taught.peg.tilt.value)
+    words = (
+        f"peg {1e3 * (height - goal):+.1f} mm above the goal picture's,"
+        f" tilt {lean:+.1f} deg from it"
+    )
+    allowed = -goal - INSERTED_DEPTH_M - DEPTH_MARGIN_M
+    like = height - goal <= allowed and abs(lean) <= TILT_TOLERANCE_DEG
+    return Check(name="goal_picture", vote=like, message=words)
+
+
+def half_hole(task: Task) -> float:
+    """Half the hole's width along y [m]."""
+    return task.peg.half_extents[1] + task.hole.clearance / 2
+
+
+def near_rim(task: Task, scene: Scene) -> float:
+    """y of the rim that the peg comes from [m]: Fit travels toward -y."""
+    assert scene.hole is not None
+    return scene.hole.y.value + half_hole(task)
+
+
+def low_corner(peg: PegSeen) -> tuple[float, float]:
+    """(y, z) of the lower of the two bottom corners [m]."""
+    left, right = (peg.left_y, peg.left_z), (peg.right_y, peg.right_z)
+    return left if left[1] <= right[1] else right
+
+
+def _metric(vote: bool, message: str) -> Check:
+    return Check(name="metric", vote=vote, message=message, paper=False)
+
+
+def _unmade(name: str, scene: Scene, *, paper: bool = False) -> Check:
+    return Check(name=name, vote=None, message="; ".join(scene.problems), paper=paper)
+
+
+def _tolerance(axis: Axis) -> float:
+    return POSE_TOLERANCE_RAD if axis.is_angle else POSE_TOLERANCE_M
+
+
+def _signed(goal: Partial) -> str:
+    return ", ".join(f"{a} {a.to_report(v):+.1f} {a.report_unit}" for a, v in goal.items())

@@ -1,0 +1,84 @@
+"""The envelope: nothing moves the arm without its leave, teaching included."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from pliant.cell import Motion, Observation, Robot
+from pliant.errors import RobotFault
+from pliant.pose import Axis, Partial, Pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Where the hinge point may go [m, rad], how fast [m/s], how far the wrist may be pressed [m],
+    and how far one recovery may move a goal [m, rad]."""
+
+    low: Pose = Pose(x=-0.03, y=-0.10, z=0.12, roll=-0.5, pitch=-0.3, yaw=-0.5)
+    high: Pose = Pose(x=0.03, y=0.10, z=0.40, roll=0.5, pitch=0.3, yaw=0.5)
+    speed_m_s: float = 0.10
+    compression_m: float = 0.020
+    goal_step_m: float = 0.045
+    goal_step_rad: float = 0.2
+
+    def outside(self, goal: Partial) -> str | None:
+        """Why a goal lies outside the workspace, or None."""
+        for axis, value in goal.items():
+            if not self.low[axis] <= value <= self.high[axis]:
+                low, high = axis.to_report(self.low[axis]), axis.to_report(self.high[axis])
+                return (
+                    f"{axis} {axis.to_report(value):.1f} {axis.report_unit} is outside the"
+                    f" workspace, {low:.1f} to {high:.1f} {axis.report_unit}"
+                )
+        return None
+
+
+class Guarded:
+    """A robot behind the envelope: the same six calls, each motion checked, speed and compression
+    limit capped. The motion's record keeps what was requested beside what was commanded."""
+
+    def __init__(self, robot: Robot, limits: Limits) -> None:
+        self._robot = robot
+        self.limits = limits
+
+    def __enter__(self) -> Self:
+        self._robot.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._robot.__exit__(kind, error, traceback)
+
+    def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
+        """Raises RobotFault("envelope") for a pose outside the workspace, after a halt."""
+        problem = self.limits.outside({axis: pose[axis] for axis in Axis})
+        if problem is None and not (speed_m_s > 0 and stop_at_compression_m > 0):
+            problem = "speed and compression limit must be above 0"
+        if problem is not None:
+            self._robot.halt()
+            raise RobotFault("envelope", f"refused a motion: {problem}")
+        return self._robot.move_to(
+            pose,
+            speed_m_s=min(speed_m_s, self.limits.speed_m_s),
+            stop_at_compression_m=min(stop_at_compression_m, self.limits.compression_m),
+        )
+
+    def settle(self, seconds: float) -> None:
+        self._robot.settle(seconds)
+
+    def tare(self) -> None:
+        self._robot.tare()
+
+    def clock(self) -> float:
+        return self._robot.clock()
+
+    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
+        return self._robot.observe(cameras)
+
+    def halt(self) -> None:
+        self._robot.halt()

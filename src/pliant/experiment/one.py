@@ -1,0 +1,78 @@
+"""One trial in a workcell, with the truth sampled beside it after every execution."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pliant.cell import Truth, Workcell
+from pliant.envelope import Limits
+from pliant.reasoners import reasoner
+from pliant.records import Execution, Trial
+from pliant.skills.planar import Planar
+from pliant.task import Condition, Task
+from pliant.teaching import Teaching
+from pliant.trial import Patience, Run
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """Which trial: everything that decides its outcome."""
+
+    task: Task
+    condition: Condition
+    seed: int
+    reasoner: str
+
+    @property
+    def trial_id(self) -> str:
+        names = (self.task.level, self.task.peg.name, self.condition.name, self.reasoner, self.seed)
+        return "-".join(_file_name(str(n)) for n in names)
+
+
+def perform(
+    spec: Spec,
+    cell: Workcell,
+    teaching: Teaching,
+    *,
+    limits: Limits | None = None,
+    on_execution: Callable[[Execution, Truth], None] | None = None,
+) -> Trial:
+    """Run a trial to its end. The truth goes into the record, never to the reasoner."""
+    started = time.perf_counter()
+    mind = reasoner(spec.reasoner)
+    setup = spec.condition.draw(spec.seed)
+    robot = cell.prepare(spec.task, setup)
+    run = Run(
+        robot=robot,
+        task=spec.task,
+        teaching=teaching,
+        reasoner=mind,
+        skill=Planar(),
+        limits=limits or Limits(),
+        patience=Patience(),
+    )
+    truths = []
+    for execution in run:
+        truths.append(cell.truth())
+        if on_execution is not None:
+            on_execution(execution, truths[-1])
+    return Trial(
+        trial_id=spec.trial_id,
+        task=spec.task,
+        condition=spec.condition.name,
+        seed=spec.seed,
+        reasoner=mind.name,
+        model=getattr(mind, "model", None),
+        goals=teaching.goals,
+        executions=tuple(run.history),
+        end_reason=run.end_reason,
+        fault=run.fault,
+        simulated_s=robot.clock(),
+        wall_s=time.perf_counter() - started,
+        drawn=setup.quantities(),
+        truths=tuple(truths),
+    )
+
+
+def _file_name(text: str) -> str:
+    return "".join(c if c.isalnum() or c in "._" else "_" for c in text)

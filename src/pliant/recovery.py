@@ -1,0 +1,85 @@
+"""What a reasoner is, and what of its plans may be done (Sec. IV-B)."""
+
+import math
+from typing import Protocol
+
+from pliant.cell import Stop
+from pliant.envelope import Limits
+from pliant.errors import InputError
+from pliant.formations import RECOVERABLE, Formation, Step, check_axes
+from pliant.pose import Axis
+from pliant.records import Admission, Case, Recovery, Verdict
+
+_UNCHANGED_M = 0.0005
+
+
+class Reasoner(Protocol):
+    """Judges an execution, and on failure says what happened and what to do."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def model(self) -> str | None: ...
+
+    def judge(self, case: Case) -> Verdict: ...
+
+    def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
+        """None: keep to the plan. A recovery without steps: stop."""
+        ...
+
+
+def admit(recovery: Recovery, case: Case, limits: Limits) -> Admission:
+    """The steps of a recovery that may be done, with a reason for each refusal.
+
+    A plan runs in the order of the formations from Fit to Insertion, each goal names the axes its
+    formation owns, is finite, lies in the workspace and within one step's reach of the goal in
+    force. After a compression stop no deeper insertion, unless y changed. A plan with a refused
+    step is refused from that step on.
+    """
+    admitted: list[Step] = []
+    for step in recovery.steps:
+        before = admitted[-1].formation if admitted else None
+        reason = _refusal(step, before, case, limits, admitted)
+        if reason is not None:
+            return Admission(steps=tuple(admitted), refusals=(f"{step.formation}: {reason}",))
+        admitted.append(step)
+    return Admission(steps=tuple(admitted))
+
+
+def _refusal(
+    step: Step, before: Formation | None, case: Case, limits: Limits, admitted: list[Step]
+) -> str | None:
+    if step.formation not in RECOVERABLE:
+        return f"a plan may hold {', '.join(RECOVERABLE)} only"
+    if before is not None and step.formation.order != before.order + 1:
+        return f"out of order after {before}"
+    try:
+        check_axes(step.formation, step.goal)
+    except InputError as error:
+        return str(error)
+    if not all(math.isfinite(v) for v in step.goal.values()):
+        return "a goal must be a finite number"
+    outside = limits.outside(step.goal)
+    if outside is not None:
+        return outside
+    current = case.goals.formations[step.formation]
+    for axis, value in step.goal.items():
+        reach = limits.goal_step_rad if axis.is_angle else limits.goal_step_m
+        if abs(value - current[axis]) > reach:
+            return (
+                f"moves {axis} by {axis.to_report(value - current[axis]):+.1f}"
+                f" {axis.report_unit}, more than {axis.to_report(reach):.0f} {axis.report_unit}"
+            )
+    if step.formation is Formation.INSERTION and _deeper_into_resistance(step, case, admitted):
+        return "no deeper after a compression stop unless y changes"
+    return None
+
+
+def _deeper_into_resistance(step: Step, case: Case, admitted: list[Step]) -> bool:
+    last = case.outcome
+    if last.step.formation is not Formation.INSERTION or last.stop is not Stop.COMPRESSION:
+        return False
+    y_changed = any(
+        abs(s.goal[Axis.Y] - last.target.y) > _UNCHANGED_M for s in admitted if Axis.Y in s.goal
+    )
+    return step.goal[Axis.Z] < last.target.z - _UNCHANGED_M and not y_changed

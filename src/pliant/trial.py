@@ -1,0 +1,128 @@
+"""The loop: step, outcome, evidence, verdict, and on failure recovery and admitted steps (Sec. II).
+
+The loop is an iterator of executions, so that an experiment samples truth between them, a terminal
+shows them as they happen, and an environment drives it step by step.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from pliant.belief import Belief, fold
+from pliant.cell import Robot
+from pliant.checks import check
+from pliant.envelope import Guarded, Limits
+from pliant.errors import RobotFault
+from pliant.formations import Formation, Step
+from pliant.pose import Pose
+from pliant.records import Case, End, Execution, Look, Outcome
+from pliant.recovery import Reasoner, admit
+from pliant.task import Task
+from pliant.teaching import Teaching
+from pliant.vision.measure import measure
+
+
+class Skill(Protocol):
+    """Executes a step on the robot, looking when it has come to rest."""
+
+    def __call__(
+        self, robot: Robot, look: Callable[[], Look], target: Pose, step: Step, belief: Belief
+    ) -> Outcome: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patience:
+    """When to give up: failed verdicts in a row during recovery (the paper's ten), executions."""
+
+    failures: int = 10
+    executions: int = 40
+
+
+@dataclass(kw_only=True)
+class Run:
+    """One trial being run: iterate over it once; afterwards it holds how it ended."""
+
+    robot: Robot
+    task: Task
+    teaching: Teaching
+    reasoner: Reasoner
+    skill: Skill
+    limits: Limits = field(default_factory=Limits)
+    patience: Patience = field(default_factory=Patience)
+    end_reason: str = ""
+    fault: str = ""
+    history: list[Execution] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[Execution]:
+        try:
+            with Guarded(self.robot, self.limits) as robot:
+                yield from self._executions(robot)
+        except RobotFault as fault:
+            self.end_reason, self.fault = f"fault:{fault.kind}", str(fault)
+
+    def _executions(self, robot: Guarded) -> Iterator[Execution]:
+        goals = self.teaching.goals
+        queue = deque(goals.step(formation) for formation in Formation)
+        failures = 0
+        while True:
+            if not queue:
+                self.end_reason = End.FINISHED
+                return
+            if len(self.history) >= self.patience.executions:
+                self.end_reason = End.CAP
+                return
+            step = queue.popleft()
+            goals = goals.updated(step)
+            target = goals.target(step.formation)
+            before = self._belief(None)
+            outcome = self.skill(robot, lambda: self._look(robot), target, step, before)
+            case = Case(
+                task=self.task,
+                teaching=self.teaching,
+                goals=goals,
+                history=tuple(self.history),
+                outcome=outcome,
+                evidence=check(self.task, outcome, self.teaching.scenes),
+                belief=self._belief(outcome),
+            )
+            verdict = self.reasoner.judge(case)
+            failures = 0 if verdict.success else failures + 1
+            recovery = admission = None
+            done = verdict.success and step.formation is Formation.INSERTION
+            out_of_patience = failures >= self.patience.failures
+            if not verdict.success and not out_of_patience:
+                recovery = self.reasoner.recover(case, verdict)
+                if recovery is not None:
+                    admission = admit(recovery, case, self.limits)
+                    queue = deque(admission.steps)
+            execution = Execution(
+                index=len(self.history),
+                outcome=outcome,
+                evidence=case.evidence,
+                belief=case.belief,
+                verdict=verdict,
+                recovery=recovery,
+                admission=admission,
+            )
+            self.history.append(execution)
+            if done:
+                self.end_reason = End.INSERTED
+            elif out_of_patience:
+                self.end_reason = End.EXHAUSTED
+            elif recovery is not None and not queue:
+                self.end_reason = End.STOPPED
+            elif verdict.success and not queue:  # a plan that ended early goes on in order
+                queue.append(goals.step(list(Formation)[step.formation.order + 1]))
+            yield execution
+            if self.end_reason:
+                return
+
+    def _look(self, robot: Guarded) -> Look:
+        observation = robot.observe()
+        return Look(observation=observation, scene=measure(observation.views["side"], self.task))
+
+    def _belief(self, outcome: Outcome | None) -> Belief:
+        outcomes = [e.outcome for e in self.history] + ([outcome] if outcome else [])
+        seen = ((o.step.formation, look.scene) for o in outcomes for look in o.looks)
+        return fold(seen, self.teaching.scenes.get(Formation.APPROACH))

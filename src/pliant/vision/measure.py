@@ -1,0 +1,247 @@
+"""Picture to Scene: colour segmentation, the largest contours, and what they measure (Sec. IV-A).
+
+The pixel quantities are the paper's: HSV thresholds, largest contour, `cv2.minAreaRect`, P_center,
+P_edge, H_center, tilt. The metric ones use the camera's calibration and the peg's known size: lines
+fitted to the peg's two long edges give its tilt and axis, its visible top edge plus its length the
+tip, and the block's two vertical edges the hole.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.cell import Camera, View
+from pliant.task import BLOCK_SIZE, Task
+from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, Scene
+
+Hsv = tuple[int, int, int]
+Points = NDArray[np.float64]  # (n, 2) pixels, column and row
+
+
+@dataclass(frozen=True, kw_only=True)
+class Colours:
+    """HSV ranges in OpenCV's units (hue 0-179). Red wraps around zero, so the block has two."""
+
+    peg: tuple[tuple[Hsv, Hsv], ...] = (((80, 110, 40), (97, 255, 255)),)
+    block: tuple[tuple[Hsv, Hsv], ...] = (
+        ((0, 110, 40), (8, 255, 255)),
+        ((172, 110, 40), (179, 255, 255)),
+    )
+
+
+SIMULATED = Colours()
+_LEAST_AREA = 400.0  # [px2] a smaller region is not the peg or the block
+_EDGE_MARGIN = 6.0  # [px] kept clear of corners when lines are fitted
+_LEAST_EDGE = 15  # points a long edge needs
+_HIDDEN = 0.8  # [px] further in than the edge: hidden by something
+_PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
+_TILT_SD = math.radians(0.12)  # [rad] of a fully visible 90 mm peg
+
+
+def measure(view: View, task: Task, colours: Colours = SIMULATED) -> Scene:
+    """Measure the peg and the hole in a side picture. Not found is None, with the reason."""
+    hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
+    problems: list[str] = []
+    hole = _hole(hsv, view.camera, colours, problems)
+    peg = _peg(hsv, view.camera, task, hole, colours, problems)
+    return Scene(peg=peg, hole=hole, problems=tuple(problems), time_s=view.time_s)
+
+
+def _largest_contour(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...]) -> Points | None:
+    mask = np.zeros(hsv.shape[:2], np.uint8)
+    for low, high in ranges:
+        mask |= cv2.inRange(hsv, np.array(low), np.array(high)).astype(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        return None
+    largest = max(contours, key=cv2.contourArea)
+    if cv2.contourArea(largest) < _LEAST_AREA:
+        return None
+    return largest.reshape(-1, 2).astype(np.float64) + 0.5  # pixel centres
+
+
+def _box(contour: Points) -> tuple[tuple[Pixel, Pixel, Pixel, Pixel], Pixel, float]:
+    """Corners and centre of the minimum-area rectangle, and its tilt to the left [deg]."""
+    rectangle = cv2.minAreaRect(contour.astype(np.float32))
+    corners = cv2.boxPoints(rectangle).astype(float)
+    sides = [corners[1] - corners[0], corners[2] - corners[1]]
+    along = max(sides, key=lambda s: abs(s[1]))  # the side nearest to vertical
+    up = -along if along[1] > 0 else along
+    tilt = math.degrees(math.atan2(-up[0], -up[1]))
+    a, b, c, d = ((float(u), float(v)) for u, v in corners)
+    center = rectangle[0]
+    return (a, b, c, d), (float(center[0]), float(center[1])), tilt
+
+
+# --- the block ---------------------------------------------------------------------------------
+
+
+def _hole(
+    hsv: NDArray[np.uint8], camera: Camera, colours: Colours, problems: list[str]
+) -> HoleSeen | None:
+    contour = _largest_contour(hsv, colours.block)
+    if contour is None:
+        problems.append("no hole: no red region in the picture")
+        return None
+    box, center, _ = _box(contour)
+    u, v = contour[:, 0], contour[:, 1]
+    top = float(np.min(v))
+    rows = (v > top + _EDGE_MARGIN) & (v < np.max(v) - _EDGE_MARGIN)
+    left, right = u[rows & (u < center[0])], u[rows & (u > center[0])]
+    if len(left) < _LEAST_EDGE or len(right) < _LEAST_EDGE:
+        problems.append("no hole: the block's edges are not visible")
+        return None
+    if min(left) < 1 or max(right) > camera.width - 1:
+        problems.append("no hole: the block is cut off by the picture's border")
+        return None
+    front = BLOCK_SIZE[0] / 2
+    middle_u = (float(np.median(left)) + float(np.median(right))) / 2
+    y, _ = camera.on_plane_x(middle_u, camera.height / 2, front)
+    columns = (u > np.median(left) + _EDGE_MARGIN) & (u < np.median(right) - _EDGE_MARGIN)
+    upper = v[columns & (v < center[1])]
+    _, surface = camera.on_plane_x(camera.width / 2, float(np.median(upper)) - 0.5, front)
+    sd = _PIXEL_SD * camera.metres_per_pixel(front)
+    return HoleSeen(
+        box_px=box,
+        center_px=center,
+        y=Measured(value=y, sd=sd),
+        surface_z=Measured(value=surface, sd=sd),
+    )
+
+
+# --- the peg -----------------------------------------------------------------------------------
+
+
+def _peg(
+    hsv: NDArray[np.uint8],
+    camera: Camera,
+    task: Task,
+    hole: HoleSeen | None,
+    colours: Colours,
+    problems: list[str],
+) -> PegSeen | None:
+    contour = _largest_contour(hsv, colours.peg)
+    if contour is None:
+        problems.append("no peg: no cyan region in the picture")
+        return None
+    if np.min(contour) < 1 or np.max(contour[:, 0]) > camera.width - 1:
+        problems.append("no peg: it is cut off by the picture's border")
+        return None
+    box, center, tilt_deg = _box(contour)
+    bottom = sorted(box, key=lambda p: p[1])[2:]
+    edge = max(bottom)
+
+    sides = _long_edges(contour, center, math.radians(tilt_deg), hole)
+    if sides is None:
+        problems.append("no peg: its long edges are not visible")
+        return None
+    (left_point, left_tilt), (right_point, right_tilt), visible_px = sides
+    tilt = (left_tilt + right_tilt) / 2
+    axis = np.array([-math.sin(tilt), -math.cos(tilt)])  # up along the peg, in pixels
+    across = np.array([math.cos(tilt), -math.sin(tilt)])  # to the right
+    middle = (left_point + right_point) / 2
+
+    # The top edge: the near side's.
+    relative = contour - middle
+    near_axis = np.abs(relative @ across) < 0.3 * abs((right_point - left_point) @ across) / 2
+    top_px = middle + np.max((relative @ axis)[near_axis]) * axis
+    _, top_z = camera.on_plane_x(float(top_px[0]), float(top_px[1]), task.peg.half_extents[0])
+    # Its place along y: where the axis, measured on the silhouette's plane, reaches that height.
+    y0, z0 = _between(camera, left_point, right_point, task.peg.silhouette_x)
+    lean = math.tan(tilt)
+    tip_z = top_z - task.peg.length * math.cos(tilt)
+    tip_y = y0 - (tip_z - z0) * lean
+
+    half = task.peg.half_extents[1]
+    dy, dz = half * math.cos(tilt), half * math.sin(tilt)
+    mpp = camera.metres_per_pixel(task.peg.silhouette_x)
+    full_px = task.peg.length / mpp
+    tilt_sd = _TILT_SD * (full_px / visible_px) ** 1.5
+    middle_to_tip = abs(tip_z - z0)
+    return PegSeen(
+        box_px=box,
+        center_px=center,
+        edge_px=edge,
+        tilt_deg=tilt_deg,
+        tilt=Measured(value=tilt, sd=tilt_sd),
+        tip_y=Measured(value=tip_y, sd=math.hypot(_PIXEL_SD * mpp, middle_to_tip * tilt_sd)),
+        tip_z=Measured(value=tip_z, sd=_PIXEL_SD * mpp * 1.5),
+        left_y=tip_y - dy,
+        left_z=tip_z - dz,
+        right_y=tip_y + dy,
+        right_z=tip_z + dz,
+    )
+
+
+def _between(
+    camera: Camera, left: Points, right: Points, near: float
+) -> tuple[float, float]:  # (y, z) [m]
+    """Halfway between a point on the left and one on the right edge. An edge on the camera's own
+    side of the optical axis is the silhouette of the peg's far face, at -`near`."""
+    y_left, z_left = camera.on_plane_x(
+        left[0], left[1], near if left[0] < camera.width / 2 else -near
+    )
+    y_right, z_right = camera.on_plane_x(
+        right[0], right[1], near if right[0] > camera.width / 2 else -near
+    )
+    return (y_left + y_right) / 2, (z_left + z_right) / 2
+
+
+def _long_edges(
+    contour: Points, center: Pixel, tilt: float, hole: HoleSeen | None
+) -> tuple[tuple[Points, float], tuple[Points, float], float] | None:
+    """A point and the tilt [rad] of the peg's left and right edge, and their visible length [px].
+
+    The second pass selects the points again with the first pass's tilt: the rectangle's own tilt is
+    off by degrees where the board cuts the peg at an angle.
+    """
+    lowest = hole.box_px if hole else None
+    floor = min(p[1] for p in lowest) - _EDGE_MARGIN if lowest else math.inf
+    result = None
+    for _ in range(2):
+        axis = np.array([-math.sin(tilt), -math.cos(tilt)])
+        across = np.array([math.cos(tilt), -math.sin(tilt)])
+        relative = contour - np.array(center)
+        along, side = relative @ axis, relative @ across
+        left_at, right_at = np.percentile(side, 3), np.percentile(side, 97)
+        inside = (
+            (along < np.max(along) - _EDGE_MARGIN)
+            & (along > np.min(along) + _EDGE_MARGIN)
+            & (contour[:, 1] < floor)
+        )
+        width = right_at - left_at
+        left = contour[inside & (side < left_at + 0.2 * width)]
+        right = contour[inside & (side > right_at - 0.2 * width)]
+        if len(left) < _LEAST_EDGE or len(right) < _LEAST_EDGE:
+            return None
+        result = (
+            _line(left, -across),
+            _line(right, across),
+            float(np.ptp(left[:, 1]) + np.ptp(right[:, 1])) / 2,
+        )
+        tilt = (result[0][1] + result[1][1]) / 2
+    return result
+
+
+def _line(points: Points, outward: Points) -> tuple[Points, float]:
+    """A point on the line through edge points, and the line's tilt to the left [rad].
+
+    Fingers may hide part of an edge; the mask then ends further in. Such points are left out.
+    """
+    kept = points
+    for _ in range(3):
+        line = cv2.fitLine(kept.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01).ravel()
+        vx, vy, x, y = (float(w) for w in line)
+        if vy > 0:
+            vx, vy = -vx, -vy
+        normal = np.array([-vy, vx])
+        normal *= math.copysign(1.0, normal @ outward)
+        outside = (points - (x, y)) @ normal
+        closer = points[outside > -_HIDDEN]
+        if len(closer) < _LEAST_EDGE:
+            break
+        kept = closer
+    return np.array([x, y]), math.atan2(-vx, -vy)
