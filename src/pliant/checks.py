@@ -22,7 +22,7 @@ TILT_TOLERANCE_DEG = 5.0  # Table I
 ON_HOLE_M = 0.008  # Table I's "on the hole": P_center this close to H_center; our choice
 INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 
-IN_HOLE_DEPTH_M = 0.0012  # metric Fit: the low corner is this far below the board's surface
+IN_HOLE_DEPTH_M = 0.0003  # metric Fit: the low corner is this far below the board's surface
 RIM_MARGIN_M = 0.0005  # metric Fit: the trailing corner is this far inside the near rim
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 

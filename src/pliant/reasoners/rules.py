@@ -24,7 +24,7 @@ _ALIGN_MOST = 0.015  # [m] of one correction of Align
 _DEEPER = 0.004  # [m] of one more push
 _DEEPEST = 0.012  # [m] below the taught Insertion goal, at most
 _BLIND_STEP = 0.009  # [m] when only Table I's words are to be had
-_SEATED = 0.001  # [m] a corner this far below the surface is in the hole
+_SEATED = 0.0003  # [m] a corner this far below the surface is in the hole
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Rules:
     model: str | None = None
 
     def judge(self, case: Case) -> Verdict:
-        """Compression or pose can fail an execution; else the most precise picture check decides."""
+        """Compression or pose can fail it; else the most precise check that was made decides."""
         votes = case.evidence.votes
         success, decider = _decide(case)
         against = sorted(n for n, v in votes.items() if v is not None and v != success)
