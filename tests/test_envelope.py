@@ -1,0 +1,130 @@
+import math
+from contextlib import suppress
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from stand_ins import ScriptedRobot
+
+from pliant.cell import Robot
+from pliant.envelope import Guarded, Limits
+from pliant.errors import RobotFault
+from pliant.pose import Axis, Pose
+
+LIMITS = Limits()
+ANYWHERE = st.builds(Pose, **{axis.value: st.floats(-1.0, 1.0) for axis in Axis})
+INSIDE = st.builds(
+    Pose, **{axis.value: st.floats(LIMITS.low[axis], LIMITS.high[axis]) for axis in Axis}
+)
+ANY_NUMBER = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def is_inside(pose: Pose) -> bool:
+    return all(LIMITS.low[axis] <= pose[axis] <= LIMITS.high[axis] for axis in Axis)
+
+
+@given(ANYWHERE, ANY_NUMBER, ANY_NUMBER)
+def test_nothing_outside_the_limits_ever_reaches_the_robot(
+    pose: Pose, speed: float, compression: float
+) -> None:
+    robot = ScriptedRobot()
+    with suppress(RobotFault):
+        Guarded(robot, LIMITS).move_to(pose, speed_m_s=speed, stop_at_compression_m=compression)
+    for sent in robot.poses:
+        assert is_inside(sent)
+    assert all(0 < s <= LIMITS.speed_m_s for s in robot.speeds)
+    assert all(0 < c <= LIMITS.compression_m for c in robot.compression_limits)
+
+
+@given(INSIDE, st.sampled_from(list(Axis)), st.floats(1e-9, 1.0), st.booleans())
+def test_one_axis_outside_the_workspace_is_enough_to_refuse(
+    pose: Pose, axis: Axis, by: float, above: bool
+) -> None:
+    outside = LIMITS.high[axis] + by if above else LIMITS.low[axis] - by
+    robot = ScriptedRobot()
+    with pytest.raises(RobotFault, match=f"{axis} .* is outside the workspace"):
+        Guarded(robot, LIMITS).move_to(
+            pose.updated({axis: outside}), speed_m_s=0.05, stop_at_compression_m=0.01
+        )
+    assert robot.calls == ["halt"]
+
+
+@given(INSIDE, st.floats(0.001, 0.1), st.floats(0.001, 0.02))
+def test_what_lies_inside_the_limits_passes_unchanged(
+    pose: Pose, speed: float, compression: float
+) -> None:
+    robot = ScriptedRobot()
+    motion = Guarded(robot, LIMITS).move_to(
+        pose, speed_m_s=speed, stop_at_compression_m=compression
+    )
+    assert (robot.poses, robot.speeds, robot.compression_limits) == ([pose], [speed], [compression])
+    assert motion.requested == motion.commanded == pose
+
+
+def test_too_much_speed_and_compression_are_capped() -> None:
+    robot = ScriptedRobot()
+    Guarded(robot, LIMITS).move_to(Pose(z=0.2), speed_m_s=5.0, stop_at_compression_m=1.0)
+    assert robot.speeds == [LIMITS.speed_m_s]
+    assert robot.compression_limits == [LIMITS.compression_m]
+
+
+@pytest.mark.parametrize("value", [0.0, -0.1, math.nan])
+def test_a_speed_or_a_limit_that_is_not_above_zero_is_refused_and_halts(value: float) -> None:
+    for speed, compression in ((value, 0.01), (0.05, value)):
+        robot = ScriptedRobot()
+        with pytest.raises(RobotFault, match="above 0"):
+            Guarded(robot, LIMITS).move_to(
+                Pose(z=0.2), speed_m_s=speed, stop_at_compression_m=compression
+            )
+        assert robot.calls == ["halt"]
+
+
+@given(st.dictionaries(st.sampled_from(list(Axis)), st.floats(-1, 1), min_size=1))
+def test_a_goal_is_outside_exactly_when_one_of_its_axes_is(goal: dict[Axis, float]) -> None:
+    bad = [a for a, v in goal.items() if not LIMITS.low[a] <= v <= LIMITS.high[a]]
+    reason = LIMITS.outside(goal)
+    assert (reason is not None) == bool(bad)
+    assert reason is None or reason.startswith(str(bad[0]))
+
+
+@given(st.sampled_from(list(Axis)))
+def test_a_goal_that_is_not_a_number_is_outside(axis: Axis) -> None:
+    assert LIMITS.outside({axis: math.nan}) is not None
+
+
+def test_limits_of_ones_own_are_kept() -> None:
+    limits = Limits(speed_m_s=0.01, compression_m=0.005, high=Pose(z=0.15))
+    robot = ScriptedRobot()
+    guarded = Guarded(robot, limits)
+    guarded.move_to(Pose(z=0.14), speed_m_s=1.0, stop_at_compression_m=1.0)
+    assert (robot.speeds, robot.compression_limits) == ([0.01], [0.005])
+    with pytest.raises(RobotFault):
+        guarded.move_to(Pose(z=0.16), speed_m_s=1.0, stop_at_compression_m=1.0)
+
+
+def test_leaving_the_envelope_halts_the_robot_also_after_an_error() -> None:
+    robot = ScriptedRobot()
+    with pytest.raises(ZeroDivisionError), Guarded(robot, LIMITS):
+        _ = 1 / 0
+    assert robot.calls == ["halt"]
+
+
+def test_everything_else_is_passed_on() -> None:
+    robot = ScriptedRobot()
+    guarded: Robot = Guarded(robot, LIMITS)
+    guarded.settle(0.5)
+    guarded.tare()
+    assert guarded.clock() == 0.5
+    assert list(guarded.observe(("side", "wide")).views) == ["side", "wide"]
+    guarded.halt()
+    assert robot.calls == ["settle", "tare", "clock", "observe", "halt"]
+
+
+@given(ANYWHERE)
+def test_a_refusal_says_value_and_valid_range_in_millimetres_or_degrees(pose: Pose) -> None:
+    assume(not is_inside(pose))
+    with pytest.raises(RobotFault) as error:
+        Guarded(ScriptedRobot(), LIMITS).move_to(pose, speed_m_s=0.05, stop_at_compression_m=0.01)
+    axis = next(a for a in Axis if not LIMITS.low[a] <= pose[a] <= LIMITS.high[a])
+    assert f"{axis} {axis.to_report(pose[axis]):.1f} {axis.report_unit}" in str(error.value)
+    assert f"{axis.to_report(LIMITS.low[axis]):.1f} to" in str(error.value)
