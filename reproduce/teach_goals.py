@@ -6,7 +6,7 @@ The paper drove its robot by keyboard. Here the same is done by rule, so that it
 
 Approach and Align are placed by the nominal hole; the height of Contact is felt, in free hang, by
 going down until the wrist gives. Fit's over-travel decides the baseline's success under friction
-(see docs/assumptions.md): -35 mm reproduces the paper's.
+(see docs/assumptions.md): -35.2 mm reproduces the paper's.
 """
 
 import math
@@ -90,4 +90,4 @@ def main(path: Path, fit_y: float) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), float(sys.argv[2]) / 1e3 if len(sys.argv) > 2 else -0.035)
+    main(Path(sys.argv[1]), float(sys.argv[2]) / 1e3 if len(sys.argv) > 2 else -0.0352)

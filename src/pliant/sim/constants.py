@@ -22,7 +22,7 @@ PEG_MASS: Final = 0.03  # [kg] [F24]
 # Contact: one set for every peg and hole. -------------------------------------------------------
 FRICTION: Final[Vec3] = (1.0, 0.005, 1e-4)  # sliding, torsional, rolling [F24]
 SOLREF: Final = (0.004, 1.0)  # [s], ratio; [F24] has 0.02 on the peg, which sinks 1.8 mm [OWN]
-SOLIMP: Final = (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's default [F24]
+SOLIMP: Final = (0.99, 0.999, 0.0001, 0.5, 2.0)  # stiff within 0.1 mm of touch [OWN]
 CONDIM: Final = 4  # [F24]
 IMPRATIO: Final = 10.0  # [MEN] 2F-85
 TIMESTEP: Final = 0.002  # [s] [F24]

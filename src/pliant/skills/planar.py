@@ -5,7 +5,7 @@ the rest. A step with `retreat` first leaves the hole: straight up, across, and 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pliant.belief import Belief
 from pliant.cell import Motion, Robot
@@ -20,7 +20,8 @@ NAME = "planar"
 class Planar:
     """How the paper's skills move: speed [m/s], limits and lengths [m], waits [s]."""
 
-    speed_m_s: float = 0.05
+    free_speed_m_s: float = 0.05
+    contact_speed_m_s: float = 0.02  # slow enough that a dragged tip does not hop
     compression_limit_m: float = 0.020  # from free hang
     retreat_z: float = 0.215  # height of the hinge point while travelling
     run_up: float = 0.061  # from touch-down to Fit's goal, as taught
@@ -32,9 +33,9 @@ class Planar:
     ) -> Outcome:
         """Execute a step: move to `target`, wait, look. A compression stop ends it at once."""
         motions: list[Motion] = []
-        for pose in self._poses(robot, target, step):
+        for pose, speed in self._route(robot, target, step):
             motion = robot.move_to(
-                pose, speed_m_s=self.speed_m_s, stop_at_compression_m=self.compression_limit_m
+                pose, speed_m_s=speed, stop_at_compression_m=self.compression_limit_m
             )
             motions.append(motion)
             if motion.stop.is_early:
@@ -43,17 +44,16 @@ class Planar:
         robot.settle(self.approach_settle_s if hanging else self.settle_s)
         return Outcome(step=step, target=target, motions=tuple(motions), looks=(look(),))
 
-    def _poses(self, robot: Robot, target: Pose, step: Step) -> list[Pose]:
+    def _route(self, robot: Robot, target: Pose, step: Step) -> list[tuple[Pose, float]]:
+        """Poses to move through, each with the speed to it [m/s]."""
+        free, contact = self.free_speed_m_s, self.contact_speed_m_s
         if not step.retreat:
-            return [target]
+            return [(target, free if step.formation is Formation.APPROACH else contact)]
         here = robot.observe(cameras=()).pose
         height = max(self.retreat_z, here.z, target.z)
         start = target.y + (self.run_up if step.formation is Formation.FIT else 0.0)
-        lifted = Pose(x=here.x, y=here.y, z=height, roll=here.roll, pitch=here.pitch, yaw=here.yaw)
-        above = Pose(
-            x=target.x, y=start, z=height, roll=target.roll, pitch=target.pitch, yaw=target.yaw
-        )
-        down = Pose(
-            x=target.x, y=start, z=target.z, roll=target.roll, pitch=target.pitch, yaw=target.yaw
-        )
-        return [lifted, above, down] if down == target else [lifted, above, down, target]
+        lifted = replace(here, z=height)
+        above = replace(target, y=start, z=height)
+        down = replace(target, y=start)
+        route = [(lifted, contact), (above, free), (down, contact)]
+        return route if down == target else [*route, (target, contact)]
