@@ -19,7 +19,10 @@ from pliant.task import Setup, Task
 
 
 def _array_from(value: Any) -> NDArray[np.float64]:
-    return np.asarray(value, dtype=np.float64)
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except TypeError as error:
+        raise ValueError("it must be nested lists of numbers") from error
 
 
 def _array_to(value: NDArray[np.float64]) -> list[Any]:

@@ -34,6 +34,17 @@ class Trajectory:
     setup: Setup
 
 
+def apply(model: mujoco.MjModel, setup: Setup) -> None:
+    """Put into a compiled model what a trial randomises."""
+    half = setup.grasp_roll / 2
+    model.body(m.PEG).quat[:] = [math.cos(half), math.sin(half), 0.0, 0.0]
+    board = model.body(m.BOARD)
+    board.pos[1] = setup.hole_y
+    first = int(board.geomadr[0])
+    geoms = slice(first, first + int(board.geomnum[0]))
+    model.geom_friction[geoms, 0] = c.FRICTION[0] * setup.friction
+
+
 class SimCell:
     """A workcell in MuJoCo. One compiled model per task; a trial edits it and resets the state."""
 
@@ -112,9 +123,6 @@ class SimRobot:
             self._commanded.position(), self._commanded.rotation(), np.array(HOME_GUESS)
         )
         self._q = self._home
-        self._board_geoms = [
-            i for i in range(self.model.ngeom) if self.model.geom(i).name.startswith(m.BOARD)
-        ]
         self._on_step: Callable[[], None] = _nothing
 
     # --- what a trial randomises ---------------------------------------------------------------
@@ -124,10 +132,7 @@ class SimRobot:
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
         self.setup = setup
-        model.body(m.BOARD).pos[1] = setup.hole_y
-        half = setup.grasp_roll / 2
-        model.body(m.PEG).quat[:] = [math.cos(half), math.sin(half), 0.0, 0.0]
-        model.geom_friction[self._board_geoms, 0] = c.FRICTION[0] * setup.friction
+        apply(model, setup)
         self._commanded = Pose(z=self.task.tip_below_hinge + c.HOME_ABOVE_BOARD)
         self._q = self._home
         data.qpos[self.arm.qpos] = self._home

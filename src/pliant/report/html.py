@@ -1,0 +1,31 @@
+"""Markup that cannot be forgotten to be escaped: what is not `Html` becomes text."""
+
+from html import escape
+
+
+class Html(str):
+    """Markup. Every other string is text, and escaped where it is put into markup."""
+
+    __slots__ = ()
+
+
+def join(*parts: str) -> Html:
+    """Markup and texts, one after the other."""
+    return Html("".join(part if isinstance(part, Html) else escape(part) for part in parts))
+
+
+def tag(name: str, /, *children: str, **attributes: str | bool | None) -> Html:
+    """An element. `class_="a"` and `aria_label="b"` are written class and aria-label; an attribute
+    that is None or False is left out, one that is True has no value."""
+    written = "".join(
+        f" {_name(key)}" if value is True else f' {_name(key)}="{escape(str(value))}"'
+        for key, value in attributes.items()
+        if value is not None and value is not False
+    )
+    if name in ("img", "meta", "link"):
+        return Html(f"<{name}{written}>")
+    return Html(f"<{name}{written}>{join(*children)}</{name}>")
+
+
+def _name(key: str) -> str:
+    return key.rstrip("_").replace("_", "-")

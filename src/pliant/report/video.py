@@ -1,0 +1,181 @@
+"""A trial's video, made after it from the stored joint positions: side and wide view next to each
+other over a caption; H.264 at 25 frames a second, which browsers play."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.errors import InputError
+from pliant.pose import describe
+from pliant.records import Execution, Trial
+from pliant.report.canvas import (
+    DARK,
+    NEUTRAL,
+    Colour,
+    Picture,
+    shortened,
+    text,
+    text_width,
+    tick,
+    verdict_colour,
+)
+from pliant.sim.cell import Trajectory
+from pliant.sim.replay import Replay
+
+FRAMES_PER_S = 25
+CAPTION = 64  # [px] height of the caption
+
+_CAMERAS = ("side", "wide")
+_UNMOVED = 3e-4  # [rad, m] no joint further than this from its last picture: drawn already
+_DRAWN_EVERY = 2  # of the trajectory's samples, at least: drawing takes longer than encoding
+_MOST_DRAWN = 150  # moments of a trial; a longer one is drawn at fewer per second
+_HOLD_SUCCESS, _HOLD_FAILURE, _HOLD_END = 15, 45, 50  # frames that a verdict stands to be read
+_WORDS, _SMALL_WORDS = 0.75, 0.6
+_GREY: Colour = (190, 194, 200)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One frame: which sample of the trajectory it shows, and what is said below it."""
+
+    sample: int
+    execution: Execution | None
+    judged: bool
+
+
+def write(path: Path, trial: Trial, trajectory: Trajectory) -> list[float]:
+    """Write the video; return when each execution begins in it [s].
+
+    Raises:
+        InputError: the trajectory is another task's, or there is no OpenGL, or the file cannot be
+            written.
+    """
+    shots = storyboard(trial, trajectory)
+    partial = path.with_name(f".{path.name}.part")
+    replay = Replay(trial.task, trajectory)
+    try:
+        _encode(partial, _frames(replay, trial, shots))
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"the video '{path}' cannot be written: {error.strerror}") from error
+    finally:
+        replay.cameras.close()
+        partial.unlink(missing_ok=True)
+    return starts(shots, len(trial.executions))
+
+
+def storyboard(trial: Trial, trajectory: Trajectory) -> list[Shot]:
+    """The video's frames in order: the trial in its own time, halted at each verdict."""
+    shots: list[Shot] = []
+    done = 0
+    for execution in trial.executions:
+        end = int(np.searchsorted(trajectory.time_s, _judged_at(execution), side="right"))
+        shots += [Shot(sample=s, execution=execution, judged=False) for s in range(done, end)]
+        success = execution.verdict.success
+        still = Shot(sample=max(0, end - 1), execution=execution, judged=True)
+        shots += [still] * (_HOLD_SUCCESS if success else _HOLD_FAILURE)
+        done = max(done, end)
+    shots += [
+        Shot(sample=s, execution=None, judged=False) for s in range(done, len(trajectory.time_s))
+    ]
+    return shots + [shots[-1]] * _HOLD_END
+
+
+def starts(shots: Sequence[Shot], executions: int) -> list[float]:
+    """When each execution's first frame is shown [s]."""
+    first: dict[int, int] = {}
+    for n, shot in enumerate(shots):
+        if shot.execution is not None:
+            first.setdefault(shot.execution.index, n)
+    return [first.get(index, 0) / FRAMES_PER_S for index in range(executions)]
+
+
+def _judged_at(execution: Execution) -> float:
+    return execution.outcome.looks[-1].observation.time_s
+
+
+def _frames(replay: Replay, trial: Trial, shots: Sequence[Shot]) -> Iterator[Picture]:
+    every = _thinning(replay.trajectory.qpos)
+    views = {name: _Drawn(replay, name) for name in _CAMERAS}
+    for shot in shots:
+        pictures = np.hstack([views[name].at(shot.sample, every) for name in _CAMERAS])
+        caption = _caption(pictures.shape[1], replay, trial, shot)
+        yield np.vstack([pictures, caption])
+
+
+class _Drawn:
+    """A camera's pictures, drawn again only where something has moved."""
+
+    def __init__(self, replay: Replay, camera: str) -> None:
+        self._replay = replay
+        self._camera = camera
+        self._sample = 0
+        self._picture = replay.image(camera, 0)
+
+    def at(self, sample: int, every: int) -> Picture:
+        """The picture of a sample, or of the one drawn less than `every` samples before it."""
+        qpos = self._replay.trajectory.qpos
+        is_due = sample % every == 0 or sample == len(qpos) - 1
+        if is_due and np.abs(qpos[sample] - qpos[self._sample]).max() > _UNMOVED:
+            self._sample, self._picture = sample, self._replay.image(self._camera, sample)
+        return self._picture
+
+
+def _thinning(qpos: NDArray[np.float32]) -> int:
+    """Of how many samples one is drawn, so that a long trial's video is made in bounded time."""
+    moving = int(np.count_nonzero(np.abs(np.diff(qpos, axis=0)).max(axis=1) > _UNMOVED))
+    return max(_DRAWN_EVERY, math.ceil(moving / _MOST_DRAWN))
+
+
+def _encode(path: Path, frames: Iterator[Picture]) -> None:
+    first = next(frames)
+    with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+        stream = container.add_stream("libx264", rate=FRAMES_PER_S)
+        stream.height, stream.width = first.shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"preset": "superfast", "crf": "22"}
+        for picture in chain([first], frames):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+
+
+# --- the caption -------------------------------------------------------------------------------
+
+
+def _caption(width: int, replay: Replay, trial: Trial, shot: Shot) -> Picture:
+    """Two lines: what is done with compression and time, and the verdict once it stands."""
+    caption = np.full((CAPTION, width, 3), DARK, np.uint8)
+    time_s = float(replay.trajectory.time_s[shot.sample])
+    gauge = f"compression {replay.compression(shot.sample) * 1e3:5.1f} mm    {time_s:5.1f} s"
+    text(caption, gauge, (width - 16, 26), scale=_SMALL_WORDS, colour=_GREY, align="right")
+    if shot.execution is None:
+        text(caption, trial.end_reason, (62, 26), scale=_WORDS)
+        return caption
+    execution, verdict = shot.execution, shot.execution.verdict
+    caption[:, :46] = verdict_colour(verdict.success) if shot.judged else NEUTRAL
+    if shot.judged:
+        tick(caption, (23, CAPTION / 2), verdict.success, size=20)
+    step = execution.outcome.step
+    retreat = " after a retreat" if step.retreat else ""
+    name = f"{execution.index + 1}  {str(step.formation).capitalize()}"
+    text(caption, name, (62, 26), scale=_WORDS, weight=2)
+    beside = 62 + text_width(name, _WORDS, 2) + 18
+    text(
+        caption,
+        f"goal {describe(step.goal)}{retreat}",
+        (beside, 26),
+        scale=_SMALL_WORDS,
+        colour=_GREY,
+    )
+    if shot.judged:
+        words = f"{'success' if verdict.success else 'failure'}: {verdict.reason}"
+        if execution.recovery is not None:
+            words += f" | recovery: {execution.recovery.analysis.how}"
+        text(caption, shortened(words, width - 80, _SMALL_WORDS), (62, 52), scale=_SMALL_WORDS)
+    return caption

@@ -1,0 +1,82 @@
+"""Numbers and outcomes in words for people: millimetres, degrees, true minus signs."""
+
+from pliant.cell import Truth
+from pliant.formations import Step
+from pliant.pose import Axis, Partial
+from pliant.records import End, Trial
+
+_ENDS = {
+    End.INSERTED: "judged inserted",
+    End.EXHAUSTED: "gave up: too many failed verdicts in a row",
+    End.CAP: "stopped at the most executions a trial may take",
+    End.STOPPED: "the reasoner could not or should not go on",
+    End.FINISHED: "the open-loop plan ran out",
+}
+_DRAWN = {
+    "friction": "friction of the hole",
+    "hole_y": "hole's place y",
+    "grasp_roll": "grasp angle",
+}
+
+
+def number(value: float, digits: int = 1, *, sign: bool = False) -> str:
+    """A rounded number; what rounds to zero has no minus sign."""
+    rounded = round(value, digits) + 0.0
+    shown = f"{rounded:+.{digits}f}" if sign and rounded else f"{rounded:.{digits}f}"
+    return shown.replace("-", "\N{MINUS SIGN}")
+
+
+def millimetres(metres: float) -> str:
+    return f"{number(metres * 1e3)} mm"
+
+
+def in_units(axis: Axis, value: float, *, sign: bool = False) -> str:
+    """An axis's value in its unit for people: "−35.0 mm", "10.0°"."""
+    return f"{number(axis.to_report(value), sign=sign)}{unit(axis)}"
+
+
+def unit(axis: Axis) -> str:
+    return "°" if axis.is_angle else " mm"
+
+
+def goal(partial: Partial) -> str:
+    return ", ".join(f"{axis} {in_units(axis, value)}" for axis, value in partial.items())
+
+
+def step(planned: Step) -> str:
+    retreat = ", after a retreat" if planned.retreat else ""
+    return f"{str(planned.formation).capitalize()} to {goal(planned.goal)}{retreat}"
+
+
+def yes_no(value: bool | None) -> str:
+    return "not known" if value is None else "yes" if value else "no"
+
+
+def end(trial: Trial) -> str:
+    """Why the trial ended."""
+    if trial.end_reason in list(End):
+        return _ENDS[End(trial.end_reason)]
+    return f"{trial.end_reason}: {trial.fault}" if trial.fault else trial.end_reason
+
+
+def drawn(name: str, value: float) -> tuple[str, str]:
+    """A drawn quantity's name and value."""
+    words = _DRAWN.get(name, name.replace("_", " "))
+    kind = name.rpartition("_")[2]
+    if kind in list(Axis):
+        return words, in_units(Axis(kind), value)
+    return words, f"× {number(value, 2)}"
+
+
+def truth(now: Truth) -> list[tuple[str, str]]:
+    """What was really so, as names and values."""
+    _, y, z = now.tip
+    return [
+        ("inserted", yes_no(now.inserted)),
+        ("low edge in the hole", yes_no(now.fit)),
+        ("depth", millimetres(now.depth_m)),
+        ("tip y, z", f"{number(y * 1e3)}, {number(z * 1e3)} mm"),
+        ("tilt", in_units(Axis.ROLL, now.tilt_rad)),
+        ("hole y", millimetres(now.hole_y)),
+        ("compression", millimetres(now.compression_m)),
+    ]

@@ -1,0 +1,129 @@
+"""A trial drawn again from its stored joint positions, after it has ended.
+
+Asking for a video thus does not slow a trial. The robot's meshes are drawn coarser than in the
+trial's own pictures: half the time, and hardly to be told apart.
+"""
+
+import zipfile
+import zlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.errors import InputError
+from pliant.sim import model as m
+from pliant.sim.cell import Trajectory, apply
+from pliant.sim.render import Cameras
+from pliant.task import Setup, Task
+
+FILE = "trajectory.npz"
+_GRID = 0.0015  # [m] vertices in one cell of this size become one
+_LEAST_FACES = 500  # a mesh with fewer stays as it is
+_SETUP = "setup_"
+_BROKEN = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
+
+
+def save(folder: Path, trajectory: Trajectory) -> None:
+    """Write a trajectory as `trajectory.npz`, whole or not at all.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    arrays: dict[str, NDArray[Any]] = {"time_s": trajectory.time_s, "qpos": trajectory.qpos}
+    arrays |= {f"{_SETUP}{name}": np.array(v) for name, v in asdict(trajectory.setup).items()}
+    partial = folder / f".{FILE}.part"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with partial.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+        partial.replace(folder / FILE)
+    except OSError as error:
+        raise InputError(
+            f"'{folder / FILE}' cannot be written: {error.strerror}; choose another folder"
+        ) from error
+
+
+def load(folder: Path) -> Trajectory:
+    """Read a trajectory that `save` wrote.
+
+    Raises:
+        InputError: there is none, or it is broken.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        raise InputError(f"'{path}' does not exist: only simulated trials have a trajectory")
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            setup = {
+                name.removeprefix(_SETUP): arrays[name].item()
+                for name in arrays.files
+                if name.startswith(_SETUP)
+            }
+            time_s, qpos = arrays["time_s"], arrays["qpos"]
+            if time_s.ndim != 1 or qpos.ndim != 2 or len(qpos) != len(time_s):
+                raise ValueError("times and joint positions do not match")
+            return Trajectory(time_s=time_s, qpos=qpos, setup=Setup(**setup))
+    except _BROKEN as error:
+        raise InputError(f"'{path}' is broken: {error}; run the trial again") from error
+
+
+class Replay:
+    """Draws any moment of a trajectory. Close it, or use it as a context, to free the renderer.
+
+    Raises:
+        InputError: the trajectory belongs to another task.
+    """
+
+    def __init__(self, task: Task, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        self._model = m.build(task)
+        if trajectory.qpos.shape[1:] != (self._model.nq,):
+            raise InputError(
+                f"the trajectory has {trajectory.qpos.shape[1]} joints and the task's cell"
+                f" {self._model.nq}: it belongs to another task"
+            )
+        apply(self._model, trajectory.setup)
+        _coarsen(self._model)
+        self._data = mujoco.MjData(self._model)
+        self._slide = int(self._model.joint("wrist_z").qposadr[0])
+        self.cameras = Cameras(self._model)
+
+    def __len__(self) -> int:
+        return len(self.trajectory.time_s)
+
+    def image(self, camera: str, index: int) -> NDArray[np.uint8]:  # (height, width, 3) RGB
+        """What `camera` sees at the trajectory's sample `index`."""
+        self._data.qpos[:] = self.trajectory.qpos[index]
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        return self.cameras.image(camera, self._data)
+
+    def compression(self, index: int) -> float:
+        """Of the wrist, from free hang, where every trial starts [m]."""
+        slide = self.trajectory.qpos[:, self._slide]
+        return float(slide[index] - slide[0])
+
+
+def _coarsen(model: mujoco.MjModel) -> None:
+    """Fewer triangles: vertices that lie close together become one, in the compiled model's own
+    arrays, and round shapes get fewer facets."""
+    model.vis.quality.numslices, model.vis.quality.numstacks = 20, 4
+    for mesh in range(model.nmesh):
+        first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+        if count < _LEAST_FACES:
+            continue
+        start = int(model.mesh_vertadr[mesh])
+        vertices = model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])]
+        cells = np.round(vertices / _GRID).astype(np.int64)
+        _, chosen, cell_of = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        faces = chosen[cell_of.ravel()][model.mesh_face[first : first + count]]
+        a, b, c = faces.T
+        whole = (a != b) & (b != c) & (c != a)
+        left = slice(first, first + int(np.count_nonzero(whole)))
+        model.mesh_face[left] = faces[whole]
+        model.mesh_facenormal[left] = model.mesh_facenormal[first : first + count][whole]
+        model.mesh_facenum[mesh] = np.count_nonzero(whole)

@@ -1,0 +1,282 @@
+"""Records to a folder and back: `trial.json`, and each picture once, named by what it shows.
+
+A record is written through pydantic's adapter of its dataclass: plain JSON, so that nothing read
+can run code. Files are written beside their name and then renamed: none is ever half there.
+"""
+
+import hashlib
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from pliant.errors import InputError
+from pliant.records import SCHEMA, Case, Trial
+
+RUN, TRIAL, CASE, PICTURES = "run.json", "trial.json", "case.json", "pictures"
+_PACKAGES = {"pliant": "pliant", "mujoco": "mujoco", "opencv": "opencv-python-headless"}
+_PACKAGES |= {"numpy": "numpy"}
+T = TypeVar("T")
+
+
+def save_trial(folder: Path, trial: Trial) -> None:
+    """Write a trial and its pictures into `folder`, made if need be.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    _save(folder, TRIAL, "trial", _trials(), trial)
+
+
+def load_trial(folder: Path) -> Trial:
+    """Read a trial that `save_trial` wrote.
+
+    Raises:
+        InputError: there is none, its schema is another, or it or a picture is broken.
+    """
+    return _load(folder, TRIAL, "trial", _trials())
+
+
+def save_case(folder: Path, case: Case) -> None:
+    """Write what a reasoner was asked, so that it can be asked again."""
+    _save(folder, CASE, "case", _cases(), case)
+
+
+def load_case(folder: Path) -> Case:
+    """Read a case that `save_case` wrote. Raises as `load_trial` does."""
+    return _load(folder, CASE, "case", _cases())
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """A folder of pictures, each named by the hash of its pixels.
+
+    Pydantic calls `save` while a record is dumped and `load` while it is read.
+    """
+
+    folder: Path
+    unwritten: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
+
+    def path(self, image: NDArray[np.uint8]) -> Path:
+        return self.folder / f"{_hash(image)}.png"
+
+    def save(self, image: NDArray[np.uint8]) -> str:
+        """The picture's name. It is written by `write`: what is raised here, pydantic hides."""
+        name = _hash(image)
+        self.unwritten[name] = image
+        return name
+
+    def write(self) -> None:
+        """Write the pictures that are not there yet; raises as `write_bytes` does."""
+        for name, image in self.unwritten.items():
+            path = self.folder / f"{name}.png"
+            if not path.exists():
+                write_png(path, image)
+
+    def load(self, name: object) -> NDArray[np.uint8]:
+        """Raises ValueError if the picture is missing or not the one that was stored."""
+        if not isinstance(name, str) or re.fullmatch("[0-9a-f]{16}", name) is None:
+            raise ValueError(f"picture name {name!r} is not a hash")
+        path = self.folder / f"{name}.png"
+        bgr = cv2.imread(str(path)) if path.is_file() else None
+        if bgr is None:
+            raise ValueError(f"the picture {path.name} is missing or broken")
+        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        if _hash(image) != name:
+            raise ValueError(f"the picture {path.name} is not the one that was stored")
+        return image
+
+
+def _hash(image: NDArray[np.uint8]) -> str:
+    shape = "x".join(str(n) for n in image.shape)
+    return hashlib.sha256(shape.encode() + image.tobytes()).hexdigest()[:16]
+
+
+@lru_cache
+def _trials() -> TypeAdapter[Trial]:
+    return TypeAdapter(Trial)
+
+
+@lru_cache
+def _cases() -> TypeAdapter[Case]:
+    return TypeAdapter(Case)
+
+
+def _save(folder: Path, name: str, key: str, adapter: TypeAdapter[T], record: T) -> None:
+    pictures = Pictures(folder / PICTURES)
+    dumped = adapter.dump_python(record, mode="json", context=pictures)
+    document = {"schema": SCHEMA, key: dumped}
+    pictures.write()
+    write_bytes(folder / name, json.dumps(document, separators=(",", ":")).encode())
+
+
+def _load(folder: Path, name: str, key: str, adapter: TypeAdapter[T]) -> T:
+    path = folder / name
+    document = _document(path)
+    try:
+        return adapter.validate_python(document[key], context=Pictures(folder / PICTURES))
+    except KeyError as error:
+        raise InputError(f"'{path}' holds no {key}; it is broken, run it again") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(
+            f"'{path}' is broken at {where}: {first['msg'].splitlines()[0]}; run it again"
+        ) from error
+
+
+def _document(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(
+            f"'{path}' cannot be read: {error.strerror}; name a folder that pliant wrote"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"'{path}' is not JSON: {str(error).splitlines()[0]}") from error
+    found = document.get("schema") if isinstance(document, dict) else None
+    if not isinstance(document, dict) or found != SCHEMA:
+        raise InputError(
+            f"'{path}' has schema {found!r}; this pliant reads {SCHEMA}: use the one that wrote it"
+        )
+    return document
+
+
+# --- files -------------------------------------------------------------------------------------
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a whole file or none, making its folder.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(content)
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"'{path}' cannot be written: {error.strerror}; choose another folder"
+        ) from error
+
+
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write a picture (height, width, 3), RGB; raises as `write_bytes` does."""
+    done, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    assert done, "OpenCV encodes any 8-bit picture"
+    write_bytes(path, png.tobytes())
+
+
+def write_jpeg(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write a drawn-on picture, which need not be kept to the bit; as `write_png`."""
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 88]
+    quality += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+    done, jpeg = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), quality)
+    assert done, "OpenCV encodes any 8-bit picture"
+    write_bytes(path, jpeg.tobytes())
+
+
+def prepare_folder(path: Path) -> None:
+    """Make an output folder. One that pliant wrote before may be used again.
+
+    Raises:
+        InputError: it cannot be made, or it holds something that pliant did not write.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        is_ours = not any(path.iterdir()) or any((path / name).is_file() for name in (RUN, TRIAL))
+    except OSError as error:
+        raise InputError(
+            f"output folder '{path}' cannot be used: {error.strerror}; choose another"
+        ) from error
+    if not is_ours:
+        raise InputError(
+            f"output folder '{path}' holds something else than results of pliant: choose a new one"
+        )
+
+
+# --- run.json ----------------------------------------------------------------------------------
+
+
+def write_run_json(
+    folder: Path, *, configuration: Mapping[str, Any], reasoner: str, model: str | None
+) -> None:
+    """Write what made the results in `folder`: the program's commit and versions, the machine, and
+    what it was asked to do. `configuration` must be plain JSON values."""
+    commit, dirty = _commit()
+    document = {
+        "schema": SCHEMA,
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": commit,
+        "dirty": dirty,
+        "versions": {
+            "python": platform.python_version(),
+            **{name: _version(package) for name, package in _PACKAGES.items()},
+        },
+        "machine": {
+            "system": platform.platform(),
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+        },
+        "configuration": dict(configuration),
+        "reasoner": reasoner,
+        "model": model,
+    }
+    write_bytes(folder / RUN, (json.dumps(document, indent=2) + "\n").encode())
+
+
+def _commit() -> tuple[str | None, bool | None]:
+    """The checkout's commit and whether its source differs from it; None where pliant was
+    installed, or there is no git."""
+    here = Path(__file__)
+    if _git(here.parent, "ls-files", "--error-unmatch", here.name) is None:
+        return None, None
+    commit = _git(here.parent, "rev-parse", "HEAD")
+    changes = _git(here.parent, "status", "--porcelain", "--", ".")
+    return commit, bool(changes)
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    """The processor's name, where the system tells it."""
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
