@@ -61,7 +61,7 @@ def perform(
         task=spec.task,
         condition=spec.condition.name,
         seed=spec.seed,
-        reasoner=mind.name,
+        reasoner=spec.reasoner,
         model=getattr(mind, "model", None),
         goals=teaching.goals,
         executions=tuple(run.history),

@@ -1,0 +1,159 @@
+"""The columns of trials.parquet and executions.parquet: name, type, unit, meaning.
+
+The one place that defines them: the Parquet schemas and the data dictionary come from here.
+"""
+
+from dataclasses import dataclass
+
+import pyarrow as pa
+
+from pliant.pose import Axis
+from pliant.records import SCHEMA
+from pliant.task import NOMINAL
+
+KINDS = {
+    "missed_edge": "Fit ended with the peg short of the hole, or astride its near rim",
+    "overshot": "Fit, or what followed it, ended with the peg beyond the hole's centre, outside it",
+    "compression_stop": "in the hole, and the compression limit ended the last execution",
+    "wedged": "in the hole, not deep enough, and not stopped by the compression limit",
+    "false_accept": "judged inserted, and it was not",
+    "false_reject": "inserted, and not judged so",
+    "gave_up": "the reasoner stopped, or the trial ended before any Fit",
+    "fault": "the cell, the reasoner or the worker failed: see end_reason and fault",
+}
+"""The values of failure_kind; `rows.failure_kind` says how each is decided from the truth."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """One column: `unit` is empty where there is none."""
+
+    name: str
+    type: pa.DataType
+    meaning: str
+    unit: str = ""
+
+
+def schema(columns: tuple[Column, ...]) -> pa.Schema:
+    """An explicit Parquet schema, with unit and meaning in each field's metadata."""
+    return pa.schema(
+        [
+            pa.field(c.name, c.type, metadata={"unit": c.unit, "meaning": c.meaning})
+            for c in columns
+        ],
+        metadata={"pliant_schema": str(SCHEMA)},
+    )
+
+
+def axis_field(axis: Axis) -> str:
+    """An axis as a field's name, with its SI unit: "y_m", "roll_rad"."""
+    return f"{axis}_rad" if axis.is_angle else f"{axis}_m"
+
+
+_TEXT, _WHOLE, _YES_NO, _NUMBER = pa.string(), pa.int64(), pa.bool_(), pa.float64()
+_AXES = [pa.field(axis_field(axis), _NUMBER) for axis in Axis]
+_GOAL = pa.struct(_AXES)
+_STEPS = pa.list_(
+    pa.struct([pa.field("formation", _TEXT), pa.field("retreat", _YES_NO), pa.field("goal", _GOAL)])
+)
+_CHECKS = pa.list_(
+    pa.struct(
+        [
+            pa.field("name", _TEXT),
+            pa.field("vote", _YES_NO),
+            pa.field("message", _TEXT),
+            pa.field("paper", _YES_NO),
+        ]
+    )
+)
+_DRAWN = {
+    "friction": ("1", "the hole's friction, as a factor on the nominal"),
+    "hole_y": ("m", "the hole's centre along y"),
+    "grasp_roll": ("rad", "the peg's angle in the grasp"),
+}
+
+
+def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> Column:
+    return Column(name=name, type=kind, meaning=meaning, unit=unit)
+
+
+TRIALS: tuple[Column, ...] = (
+    _column("trial_id", _TEXT, "level-peg-condition-reasoner-seed; unique"),
+    _column("level", _TEXT, "which grid of disturbances: L0 is the paper's"),
+    _column("peg", _TEXT, "the peg's name"),
+    _column("condition", _TEXT, "the condition's name"),
+    _column("reasoner", _TEXT, "who judged and planned, as it was named in the experiment"),
+    _column("model", _TEXT, "the model behind the reasoner; null: none"),
+    _column("seed", _WHOLE, "the seed that drew the setup: equal across pegs and reasoners"),
+    _column("judged", _YES_NO, "the paper's F: the verdict on Insertion was success"),
+    _column("inserted", _YES_NO, "the paper's G: 10 mm deep inside the hole; null: not known"),
+    _column("depth_m", _NUMBER, "final depth of the bottom face's centre below the board", "m"),
+    _column("end_reason", _TEXT, "inserted, exhausted, cap, stopped, finished or fault:<kind>"),
+    _column("fault", _TEXT, "what was said when a fault ended the trial; null: no fault"),
+    _column("executions", _WHOLE, "commanded formation skills"),
+    _column("extra_fit", _WHOLE, "executions of Fit beyond the first"),
+    _column("extra_align", _WHOLE, "executions of Align beyond the first"),
+    _column("extra_insertion", _WHOLE, "executions of Insertion beyond the first"),
+    _column("moves", _WHOLE, "straight motions"),
+    _column("simulated_s", _NUMBER, "on the robot's clock", "s"),
+    _column("wall_s", _NUMBER, "on the wall clock; the only column that differs in a rerun", "s"),
+    _column("failure_kind", _TEXT, "null: judged and inserted, or the truth is not known"),
+    *(
+        _column(f"drawn_{q}", _NUMBER, f"{_DRAWN[q][1]}: drawn, or nominal", _DRAWN[q][0])
+        for q in NOMINAL
+    ),
+)
+
+EXECUTIONS: tuple[Column, ...] = (
+    _column("trial_id", _TEXT, "the trial's, as in trials.parquet"),
+    _column("index", _WHOLE, "the execution's place in the trial, from 0"),
+    _column("formation", _TEXT, "approach, contact, fit, align or insertion"),
+    _column("retreat", _YES_NO, "it first left the hole: up, across, down"),
+    *(
+        _column(f"goal_{axis_field(a)}", _NUMBER, "the pose that was asked for", _unit)
+        for a in Axis
+        for _unit in (["rad"] if a.is_angle else ["m"])
+    ),
+    *(
+        _column(f"end_{axis_field(a)}", _NUMBER, "the measured pose at the end", _unit)
+        for a in Axis
+        for _unit in (["rad"] if a.is_angle else ["m"])
+    ),
+    _column("stop", _TEXT, "reached, or compression: the limit ended it"),
+    _column("peak_compression_m", _NUMBER, "of the wrist, from free hang", "m"),
+    _column("checks", _CHECKS, "each check's vote (null: could not be made), message, and origin"),
+    _column("verdict", _YES_NO, "judged a success"),
+    _column("reason", _TEXT, "the verdict's reason"),
+    _column("conflict", _TEXT, "which sources disagreed; null: none"),
+    _column("by", _TEXT, "who judged"),
+    _column("truth_inserted", _YES_NO, "10 mm deep inside the hole; null: not known"),
+    _column("truth_fit", _YES_NO, "the peg's low edge is in the hole; null: not known"),
+    _column("truth_depth_m", _NUMBER, "of the bottom face's centre below the board", "m"),
+    _column("truth_tip_x_m", _NUMBER, "the bottom face's centre", "m"),
+    _column("truth_tip_y_m", _NUMBER, "the bottom face's centre", "m"),
+    _column("truth_tip_z_m", _NUMBER, "the bottom face's centre", "m"),
+    _column("truth_tilt_rad", _NUMBER, "the peg's lean about x, positive toward -y", "rad"),
+    _column("truth_hole_y_m", _NUMBER, "the hole's centre along y", "m"),
+    _column("truth_compression_m", _NUMBER, "of the wrist, from free hang", "m"),
+    _column("analysis_what", _TEXT, "what happened; null: no recovery was made"),
+    _column("analysis_why", _TEXT, "why"),
+    _column("analysis_how", _TEXT, "how to recover"),
+    _column("analysis_motion", _GOAL, "the motion from the current goal; null: not on this axis"),
+    _column("proposed", _STEPS, "the recovery's steps; empty: stop; null: no recovery was made"),
+    _column("admitted", _STEPS, "the steps that may be done"),
+    _column("refusals", pa.list_(_TEXT), "why the rest may not"),
+    _column("recovery_by", _TEXT, "who made the recovery"),
+    _column("tokens", _WHOLE, "spent on the verdict and the recovery"),
+    _column("cost_usd", _NUMBER, "of both; null: not known or no model", "USD"),
+    _column("latency_s", _NUMBER, "waited for a model; differs in a rerun with a model", "s"),
+)
+
+
+def dictionary(columns: tuple[Column, ...]) -> str:
+    """The columns as a Markdown table, for docs/data.md."""
+    rows = [f"| `{c.name}` | `{_short(c.type)}` | {c.unit or '–'} | {c.meaning} |" for c in columns]
+    return "\n".join(["| column | type | unit | meaning |", "|---|---|---|---|", *rows])
+
+
+def _short(kind: pa.DataType) -> str:
+    return {_GOAL: "goal", _STEPS: "list<step>", _CHECKS: "list<check>"}.get(kind, str(kind))

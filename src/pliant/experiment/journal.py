@@ -1,0 +1,178 @@
+"""The journal: one line per finished trial, appended and synced, from which a killed run resumes.
+
+A line is JSON: `{"trial_id": ..., "inserted": ..., "rows": {"trial": {...}, "executions": [...]},
+"crc": ...}`. The CRC-32 covers the bytes before it, so that a scan finds every damaged line without
+parsing it whole. A last line without its end is what a kill leaves: it is dropped, and its trial
+runs again.
+"""
+
+import errno
+import json
+import os
+import sys
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from pliant.errors import InputError
+from pliant.experiment.rows import Rows
+
+FILE = "journal.jsonl"
+_ROWS, _CRC = b',"rows":', b',"crc":'
+_BUFFER = 1 << 18  # [bytes]; Python's own is shorter than a line, which makes reading 6 x slower
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A whole line: whose it is, what came of it, and where in the file it starts [bytes]."""
+
+    trial_id: str
+    inserted: bool | None
+    offset: int
+
+
+def scan(path: Path) -> Iterator[Entry]:
+    """Every whole line in file order, checked but not parsed: memory stays at one line.
+
+    Raises:
+        InputError: the file cannot be read, or a line that is not the last is damaged.
+    """
+    try:
+        with path.open("rb", buffering=_BUFFER) as file:
+            offset = 0
+            for number, line in enumerate(file, start=1):
+                if not line.endswith(b"\n"):
+                    return  # torn: a kill in the middle of the write
+                _check(line, number, path)
+                head = json.loads(line[: line.index(_ROWS)] + b"}")
+                yield Entry(offset=offset, **head)
+                offset += len(line)
+    except OSError as error:
+        raise InputError(f"journal '{path}' cannot be read: {error.strerror}") from error
+
+
+def torn_bytes(path: Path) -> int:
+    """Length of an unfinished last line [bytes]; 0 if the file ends with a whole one."""
+    if not path.exists() or path.stat().st_size == 0:
+        return 0
+    with path.open("rb") as file:
+        size = end = file.seek(0, os.SEEK_END)
+        while end > 0:
+            start = max(0, end - 65536)
+            file.seek(start)
+            cut = file.read(end - start).rfind(b"\n")
+            if cut >= 0:
+                return size - (start + cut + 1)
+            end = start
+    return size
+
+
+def rows_at(path: Path, offsets: Iterator[int]) -> Iterator[Rows]:
+    """The rows of the lines that start at `offsets`, in that order.
+
+    Raises:
+        InputError: a line is damaged.
+    """
+    with path.open("rb") as file:
+        for offset in offsets:
+            file.seek(offset)
+            line = file.readline()
+            _check(line, None, path)
+            rows = json.loads(line)["rows"]
+            yield Rows(trial=rows["trial"], executions=rows["executions"])
+
+
+class Journal:
+    """The journal, open for appending by one process at a time. Use it as a context.
+
+    Raises:
+        InputError: it cannot be opened, or another process is writing to it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.torn = 0
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            _lock(self._file, path)
+            self.torn = torn_bytes(path)
+            if self.torn:
+                os.ftruncate(self._file, os.path.getsize(path) - self.torn)  # noqa: PTH202
+        except OSError as error:
+            raise _unwritable(path, error) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        os.close(self._file)  # and with it the lock
+
+    def append(self, rows: Rows) -> int:
+        """Write a finished trial; when it is on the disk, return where its line starts [bytes].
+
+        Raises:
+            InputError: it cannot be written; what was written before is kept.
+        """
+        line = encoded(rows)
+        before = os.fstat(self._file).st_size
+        try:
+            if os.write(self._file, line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(self._file)
+        except OSError as error:
+            os.ftruncate(self._file, before)
+            raise _unwritable(self.path, error) from error
+        return before
+
+
+def encoded(rows: Rows) -> bytes:
+    """A journal line, its end included."""
+    document = {
+        "trial_id": rows.trial_id,
+        "inserted": rows.trial["inserted"],
+        "rows": {"trial": rows.trial, "executions": rows.executions},
+    }
+    body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()[:-1]
+    return b"%b%b%d}\n" % (body, _CRC, zlib.crc32(body))
+
+
+def _check(line: bytes, number: int | None, path: Path) -> None:
+    cut = line.rfind(_CRC)
+    if cut >= 0 and line[cut + len(_CRC) :] == b"%d}\n" % zlib.crc32(memoryview(line)[:cut]):
+        return
+    where = f"line {number} of " if number else ""
+    raise InputError(
+        f"{where}journal '{path}' is damaged: delete that line and run the experiment again, and"
+        " its trial is repeated"
+    )
+
+
+def _lock(file: int, path: Path) -> None:
+    """One writer: the lock is the process's, and goes with it, however it ends."""
+    if sys.platform == "win32":
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(file)
+        raise InputError(
+            f"another experiment is writing to '{path.parent}': wait for it, or choose another"
+            " folder"
+        ) from error
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(
+        f"journal '{path}' cannot be written: {error.strerror}; what is finished is kept, and the"
+        " same command goes on from there"
+    )

@@ -1,0 +1,133 @@
+"""What the tables are made of: counts over the rows of trials.parquet and executions.parquet.
+
+Every function is pure and takes rows as dicts, so that a table is a function of the stored records
+alone. A trial that a fault ended counts as not inserted; one whose truth nobody has labelled is
+left out where the truth is needed.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from pliant.cell import Stop
+from pliant.checks import TILT_TOLERANCE_DEG
+from pliant.experiment.statistics import Pairs, mcnemar, paired_difference, wilson
+from pliant.formations import RECOVERABLE, Formation
+
+Row = Mapping[str, Any]
+DEPTHS_M = (0.010, 0.020, 0.024)
+ANGLE_EDGES_DEG = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 90.0)
+_NO_CORRECTION_M = 0.0001  # goals of Align closer than this are the same goal
+
+
+def inserted(trial: Row) -> bool | None:
+    """The paper's G; None where it is not known."""
+    if trial["inserted"] is None and str(trial["end_reason"]).startswith("fault:"):
+        return False
+    return trial["inserted"]
+
+
+def rate(outcomes: Iterable[bool | None]) -> dict[str, Any]:
+    """Successes, n, percent, and the 95 % Wilson interval [%], of those that are known."""
+    known = [o for o in outcomes if o is not None]
+    if not known:
+        return {"successes": 0, "n": 0, "percent": None, "low": None, "high": None}
+    interval = wilson(sum(known), len(known))
+    return {
+        "successes": sum(known),
+        "n": len(known),
+        "percent": 100 * sum(known) / len(known),
+        "low": 100 * interval.low,
+        "high": 100 * interval.high,
+    }
+
+
+def extra_executions(trials: Sequence[Row]) -> dict[str, float]:
+    """Average executions beyond the first, per formation."""
+    return {str(f): sum(t[f"extra_{f}"] for t in trials) / len(trials) for f in RECOVERABLE}
+
+
+def transitions(executions: Iterable[Row]) -> dict[str, dict[str, int]]:
+    """How often a plan made after a failure of one formation began with which."""
+    counts: dict[str, Counter[str]] = {}
+    for e in executions:
+        if not e["verdict"] and e["proposed"]:
+            counts.setdefault(e["formation"], Counter())[e["proposed"][0]["formation"]] += 1
+    return {str(f): {str(t): counts[f][t] for t in RECOVERABLE} for f in Formation if f in counts}
+
+
+def compare(first: Mapping[Any, bool], second: Mapping[Any, bool]) -> dict[str, Any] | None:
+    """Two methods on the trials that both have: keys say which trial, values whether inserted."""
+    keys = first.keys() & second.keys()
+    if not keys:
+        return None
+    counts = Counter((first[k], second[k]) for k in keys)
+    pairs = Pairs(
+        both=counts[True, True],
+        only_first=counts[True, False],
+        only_second=counts[False, True],
+        neither=counts[False, False],
+    )
+    interval = paired_difference(pairs)
+    return {
+        "n": pairs.n,
+        "only_first": pairs.only_first,
+        "only_second": pairs.only_second,
+        "difference": 100 * pairs.difference,
+        "low": 100 * interval.low,
+        "high": 100 * interval.high,
+        "p": mcnemar(pairs),
+    }
+
+
+def depths(trials: Sequence[Row]) -> dict[str, dict[str, Any]]:
+    """Trials that ended at least so deep, whatever else; the depth in millimetres as key."""
+    known = [t["depth_m"] for t in trials if t["depth_m"] is not None]
+    return {f"{1e3 * d:g}": rate(depth >= d for depth in known) for d in DEPTHS_M}
+
+
+def by_grasp_angle(trials: Sequence[Row]) -> dict[str, dict[str, Any]]:
+    """Success in bins of the grasp angle's size [deg], where it was drawn; lower edge included."""
+    if not any(t["drawn_grasp_roll"] for t in trials):
+        return {}
+    bins = {}
+    for low, high in pairwise(ANGLE_EDGES_DEG):
+        held = [t for t in trials if low <= math.degrees(abs(t["drawn_grasp_roll"])) < high]
+        if held:
+            bins[f"{low:g}–{high:g}"] = rate(inserted(t) for t in held)
+    return bins
+
+
+def overshoot_cycles(executions: Sequence[Row]) -> int:
+    """Of one trial: how often one correction of Align's goal undid the direction of the last."""
+    goals = [e["goal_y_m"] for e in executions if e["formation"] == Formation.ALIGN]
+    moved = [b - a for a, b in pairwise(goals) if abs(b - a) > _NO_CORRECTION_M]
+    return sum(a * b < 0 for a, b in pairwise(moved))
+
+
+def false_alignments(executions: Sequence[Row]) -> dict[str, int]:
+    """Of one trial: Align accepted; of these, false by the truth (the peg leans more than Table I
+    allows, or is not in the hole); of these, the next Insertion ended by the compression limit."""
+    accepted = false = stopped = 0
+    for this, following in pairwise([*executions, None]):
+        if this is None or this["formation"] != Formation.ALIGN or not this["verdict"]:
+            continue
+        accepted += 1
+        if this["truth_tilt_rad"] is None:
+            continue
+        leans = abs(math.degrees(this["truth_tilt_rad"])) > TILT_TOLERANCE_DEG
+        if leans or this["truth_fit"] is False:
+            false += 1
+            stopped += (
+                following is not None
+                and following["formation"] == Formation.INSERTION
+                and following["stop"] == Stop.COMPRESSION
+            )
+    return {"accepted": accepted, "false": false, "stopped": stopped}
+
+
+def kinds(trials: Iterable[Row]) -> dict[str, int]:
+    """How often each kind of failure."""
+    return dict(Counter(t["failure_kind"] for t in trials if t["failure_kind"] is not None))

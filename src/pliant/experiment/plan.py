@@ -1,0 +1,320 @@
+"""Which trials an experiment holds: cells (peg, condition, reasoner), seeds, and their fingerprint.
+
+An experiment comes from a cross product of names, or from a YAML file with the same fields and,
+where the cross product does not do, a list of cells:
+
+    trials: 30
+    cells:
+    - {peg: circle, condition: [none, friction, pose, all], reasoner: none}
+    - {peg: [circle, square, rectangle], condition: [none, friction, pose, all], reasoner: rules}
+    - {peg: circle, condition: {name: windy, hole_y_mm: [-10, 10]}, reasoner: rules}
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from importlib.metadata import version
+from importlib.resources import files
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pliant import teaching
+from pliant.errors import InputError, unknown
+from pliant.experiment.one import Spec
+from pliant.formations import Formation
+from pliant.pose import Axis
+from pliant.reasoners import reasoner
+from pliant.records import SCHEMA
+from pliant.task import CONDITIONS, Condition, Task, condition, load_task
+from pliant.teaching import Teaching
+
+MOST_TRIALS = 1_000_000
+MOST_SEED = 2**32
+
+QUANTITIES: Mapping[str, tuple[str, Axis | None]] = {
+    "friction": ("friction", None),
+    "hole_y_mm": ("hole_y", Axis.Y),
+    "grasp_roll_deg": ("grasp_roll", Axis.ROLL),
+}
+"""What a custom condition may set: its field's name, the quantity, the axis whose unit it has."""
+
+_BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
+_FIELDS = (*_BLOCK, "level", "cells", "trials", "first_seed", "goals")
+_CELL_FIELDS = (*_BLOCK.values(), "level")
+_CANNOT_DECIDE = ("cli", "report", "export", "envs", "experiment", "store.py")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One cell of a table: a task, a condition, and who reasons."""
+
+    task: Task
+    condition: Condition
+    reasoner: str
+
+    @property
+    def names(self) -> tuple[str, str, str, str]:
+        """(level, peg, condition, reasoner), as in the result's columns."""
+        return self.task.level, self.task.peg.name, self.condition.name, self.reasoner
+
+    def spec(self, seed: int) -> Spec:
+        return Spec(task=self.task, condition=self.condition, seed=seed, reasoner=self.reasoner)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """Cells times seeds. `goals` is a taught goals file, or None for the shipped ones.
+
+    Raises:
+        InputError: there are no cells, two of them would share their trials' names, or a number is
+            out of range.
+    """
+
+    cells: tuple[Cell, ...]
+    trials: int = 30
+    first_seed: int = 1
+    goals: str | None = None
+
+    def __post_init__(self) -> None:
+        _whole("trials", self.trials, 1, MOST_TRIALS)
+        _whole("first_seed", self.first_seed, 0, MOST_SEED)
+        if not self.cells:
+            raise InputError("the experiment has no cells: give pegs, conditions and reasoners")
+        ids: dict[str, Cell] = {}
+        for cell in self.cells:
+            twin = ids.setdefault(cell.spec(0).trial_id, cell)
+            if twin is not cell:
+                raise InputError(
+                    f"two different cells are both named {', '.join(cell.names)}: rename the peg"
+                    " file, the condition or the reasoner's file of one"
+                )
+
+    def __len__(self) -> int:
+        return len(self.cells) * self.trials
+
+    def specs(self) -> Iterator[Spec]:
+        """All trials in canonical order: by cell as listed, then by seed."""
+        for cell in self.cells:
+            for seed in range(self.first_seed, self.first_seed + self.trials):
+                yield cell.spec(seed)
+
+    def teaching(self) -> Teaching:
+        """Raises InputError when the goals file cannot be used."""
+        return teaching.shipped() if self.goals is None else teaching.load(Path(self.goals))
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """Everything that decides outcomes, as JSON: pegs and conditions in full, content hashes of
+        goals, of a user's reasoner file and of pliant's own code, and versions."""
+        return {
+            "schema": SCHEMA,
+            "trials": self.trials,
+            "first_seed": self.first_seed,
+            "cells": [
+                {
+                    "task": asdict(c.task),
+                    "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
+                    "reasoner": c.reasoner,
+                    "reasoner_file": _reasoner_file(c.reasoner),
+                }
+                for c in self.cells
+            ],
+            "goals": _goals_digest(self.teaching()),
+            "code": _code_digest(),
+            "versions": {name: version(name) for name in ("pliant", "mujoco", "numpy")},
+        }
+
+    @property
+    def fingerprint(self) -> str:
+        """Content hash of `document`: an output folder belongs to one fingerprint."""
+        return _digest(json.dumps(self.document, sort_keys=True).encode())
+
+
+def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """The fields of two experiments' documents that differ, by name."""
+    return sorted(k for k in {*one, *other} if one.get(k) != other.get(k))
+
+
+# --- from names, from a file -------------------------------------------------------------------
+
+
+def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
+    """Read an experiment file. `overrides` replace its fields of the same name; pegs, conditions
+    and reasoners replace those of every listed cell too.
+
+    Raises:
+        InputError: the file cannot be read, or a field, a name or a value in it is not valid.
+    """
+    try:
+        data = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise InputError(
+            f"experiment file '{path}' cannot be read: {error.strerror}; give an existing file"
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        first = " ".join(str(error).split())
+        raise InputError(f"experiment file '{path}' is not YAML: {first}") from error
+    if not isinstance(data, dict):
+        raise InputError(f"experiment file '{path}' holds no fields; valid: {', '.join(_FIELDS)}")
+    try:
+        return from_fields(data, overrides)
+    except InputError as error:
+        raise InputError(f"experiment file '{path}': {error}") from error
+
+
+def from_fields(
+    fields: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
+) -> Experiment:
+    """Build an experiment from the fields of an experiment file.
+
+    Cells are the cross product of `pegs`, `conditions` and `reasoners`, then those under `cells`;
+    a cell that occurs twice counts once. A condition is a name or a mapping with a name and ranges.
+
+    Raises:
+        InputError: a field, a name or a value is not valid.
+    """
+    given = dict(fields)
+    replaced = {k: v for k, v in (overrides or {}).items() if v is not None}
+    for name in (*given, *replaced):
+        if name not in _FIELDS:
+            raise unknown("field", name, _FIELDS)
+    blocks = _listed_cells(given)
+    if any(name in given for name in _BLOCK) or not blocks:
+        blocks.insert(0, {single: given[many] for many, single in _BLOCK.items() if many in given})
+    for block in blocks:
+        block.setdefault("level", given.get("level", "L0"))
+        block.update({_BLOCK[k]: v for k, v in replaced.items() if k in _BLOCK})
+        block.update({k: v for k, v in replaced.items() if k == "level"})
+    cells: list[Cell] = []
+    for block in blocks:
+        cells += [cell for cell in _cells(block) if cell not in cells]
+    options = {**given, **replaced}
+    goals = options.get("goals")
+    if goals is not None and not isinstance(goals, str):
+        raise InputError(f"goals is {goals!r}: it must be the path of a goals file")
+    return Experiment(
+        cells=tuple(cells),
+        trials=options.get("trials", 30),
+        first_seed=options.get("first_seed", 1),
+        goals=goals,
+    )
+
+
+def _listed_cells(given: Mapping[str, Any]) -> list[dict[str, Any]]:
+    listed = given.get("cells", [])
+    if not isinstance(listed, list) or not all(isinstance(b, dict) for b in listed):
+        raise InputError(f"cells must be a list, each with {', '.join(_CELL_FIELDS)}")
+    for block in listed:
+        for name in block:
+            if name not in _CELL_FIELDS:
+                raise unknown("field of a cell", name, _CELL_FIELDS)
+    return [dict(b) for b in listed]
+
+
+def _cells(block: Mapping[str, Any]) -> Iterator[Cell]:
+    """The cross product of a block whose entries are one value or a list of them."""
+    for single in _BLOCK.values():
+        if single not in block or block[single] in ([], None):
+            raise InputError(f"a cell lacks its {single}: give one, or a list of them")
+    pegs, conditions, reasoners = (_many(block[single]) for single in _BLOCK.values())
+    level = str(block["level"])
+    tasks = [load_task(_name("peg", peg), level) for peg in pegs]
+    drawn = [parse_condition(entry) for entry in conditions]
+    for name in reasoners:
+        reasoner(_name("reasoner", name))  # refuses a name that cannot be used
+    for task, entry, name in product(tasks, drawn, reasoners):
+        yield Cell(task=task, condition=entry, reasoner=name)
+
+
+def parse_condition(entry: Any) -> Condition:
+    """A condition from its name, or from a mapping: a name of its own and ranges, such as
+    `{name: windy, friction: [1, 3], hole_y_mm: [-10, 10], grasp_roll_deg: [-2, 2]}`.
+
+    Raises:
+        InputError: the name is unknown or taken, or a quantity or a range is not valid.
+    """
+    if not isinstance(entry, dict):
+        return condition(_name("condition", entry))
+    ranges = dict(entry)
+    name = _name("condition's name", ranges.pop("name", None))
+    if name in CONDITIONS:
+        raise InputError(f"condition '{name}' is the paper's: a custom one needs another name")
+    return Condition(name=name, ranges=dict(_range(name, k, v) for k, v in ranges.items()))
+
+
+def _range(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]:
+    if field not in QUANTITIES:
+        raise unknown("quantity", field, QUANTITIES, f"in condition '{name}'")
+    numbers = isinstance(value, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) for v in value
+    )
+    if not numbers or len(value) != 2:
+        raise InputError(f"condition '{name}': {field} is {value!r}; it must be [low, high]")
+    quantity, axis = QUANTITIES[field]
+    low, high = (float(v) if axis is None else axis.from_report(float(v)) for v in value)
+    return quantity, (low, high)
+
+
+def _many(value: Any) -> list[Any]:
+    return (
+        value if isinstance(value, list) else list(value) if isinstance(value, tuple) else [value]
+    )
+
+
+def _name(what: str, value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{what} is {value!r}: it must be a name")
+    return value
+
+
+def _whole(name: str, value: Any, least: int, most: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise InputError(f"{name} is {value!r}: it must be a whole number from {least} to {most}")
+
+
+# --- fingerprints --------------------------------------------------------------------------------
+
+
+def _digest(*parts: bytes) -> str:
+    total = hashlib.sha256()
+    for part in parts:
+        total.update(hashlib.sha256(part).digest())
+    return total.hexdigest()
+
+
+def _reasoner_file(name: str) -> str | None:
+    """Content hash of a user's reasoner file; what that file imports is not followed."""
+    path, colon, _ = name.rpartition(":")
+    return _digest(Path(path).read_bytes()) if colon and Path(path).is_file() else None
+
+
+def _goals_digest(taught: Teaching) -> str:
+    goals = {f: {a: float(v) for a, v in g.items()} for f, g in taught.goals.formations.items()}
+    pictures = (taught.demonstrations[f].view.image.tobytes() for f in Formation)
+    return _digest(json.dumps(goals, sort_keys=True).encode(), *pictures)
+
+
+@lru_cache(maxsize=1)
+def _code_digest() -> str:
+    """Content hash of the package's files that a trial's outcome can depend on."""
+    root = Path(str(files("pliant")))
+    kept = [root / "experiment" / "one.py"]
+    kept += [
+        path
+        for path in root.rglob("*")
+        if path.is_file()
+        and path.suffix != ".pyc"
+        and path.relative_to(root).parts[0] not in _CANNOT_DECIDE
+    ]
+    return _digest(
+        *(
+            part
+            for p in sorted(kept)
+            for part in (str(p.relative_to(root)).encode(), p.read_bytes())
+        )
+    )

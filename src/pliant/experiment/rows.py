@@ -1,0 +1,215 @@
+"""A trial as rows: one of trials.parquet, and one of executions.parquet per execution.
+
+Rows hold plain JSON values (columns.py says which), so that the journal can keep them as they are.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pliant.cell import Stop, Truth
+from pliant.experiment.columns import axis_field
+from pliant.experiment.one import Spec
+from pliant.formations import RECOVERABLE, Formation, Step
+from pliant.pose import Axis, Partial, Pose
+from pliant.records import End, Exchange, Execution, Trial
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """One finished trial, as the journal keeps it."""
+
+    trial: Row
+    executions: list[Row] = field(default_factory=list)
+
+    @property
+    def trial_id(self) -> str:
+        return str(self.trial["trial_id"])
+
+    @property
+    def failed(self) -> bool:
+        """Worth a look: not inserted, not judged so, or ended by a fault."""
+        return self.trial["failure_kind"] is not None or not self.trial["judged"]
+
+
+def rows_of(trial: Trial) -> Rows:
+    """A trial's rows. The trial's condition and reasoner are named as in its record."""
+    truths: list[Truth | None] = [*trial.truths]
+    truths += [None] * (len(trial.executions) - len(truths))
+    return Rows(
+        trial=trial_row(trial),
+        executions=[
+            execution_row(trial.trial_id, execution, truth)
+            for execution, truth in zip(trial.executions, truths, strict=True)
+        ],
+    )
+
+
+def trial_row(trial: Trial) -> Row:
+    """The columns of trials.parquet."""
+    counts = {
+        f: sum(e.formation is f for e in trial.executions) for f in RECOVERABLE
+    }  # Approach and Contact are not recovered from
+    return {
+        "trial_id": trial.trial_id,
+        "level": trial.task.level,
+        "peg": trial.task.peg.name,
+        "condition": trial.condition,
+        "reasoner": trial.reasoner,
+        "model": trial.model,
+        "seed": trial.seed,
+        "judged": trial.judged,
+        "inserted": trial.inserted,
+        "depth_m": _number(trial.truths[-1].depth_m) if trial.truths else None,
+        "end_reason": str(trial.end_reason),
+        "fault": trial.fault or None,
+        "executions": len(trial.executions),
+        **{f"extra_{f}": max(0, n - 1) for f, n in counts.items()},
+        "moves": sum(len(e.outcome.motions) for e in trial.executions),
+        "simulated_s": _number(trial.simulated_s),
+        "wall_s": trial.wall_s,
+        "failure_kind": failure_kind(trial),
+        **{f"drawn_{name}": value for name, value in trial.drawn.items()},
+    }
+
+
+def lost(spec: Spec, kind: str, message: str, wall_s: float) -> Rows:
+    """The rows of a trial that left no record: it is neither judged nor labelled."""
+    return Rows(
+        trial={
+            "trial_id": spec.trial_id,
+            "level": spec.task.level,
+            "peg": spec.task.peg.name,
+            "condition": spec.condition.name,
+            "reasoner": spec.reasoner,
+            "model": None,
+            "seed": spec.seed,
+            "judged": False,
+            "inserted": None,
+            "depth_m": None,
+            "end_reason": f"fault:{kind}",
+            "fault": message,
+            "executions": 0,
+            **{f"extra_{f}": 0 for f in RECOVERABLE},
+            "moves": 0,
+            "simulated_s": 0.0,
+            "wall_s": wall_s,
+            "failure_kind": "fault",
+            **{f"drawn_{k}": v for k, v in spec.condition.draw(spec.seed).quantities().items()},
+        }
+    )
+
+
+def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> Row:
+    """The columns of executions.parquet; those left out are null."""
+    outcome, verdict = execution.outcome, execution.verdict
+    row: Row = {
+        "trial_id": trial_id,
+        "index": execution.index,
+        "formation": str(execution.formation),
+        "retreat": outcome.step.retreat,
+        **_pose("goal", outcome.target),
+        **_pose("end", outcome.pose),
+        "stop": str(outcome.stop),
+        "peak_compression_m": _number(outcome.peak_compression_m),
+        "checks": [
+            {"name": c.name, "vote": c.vote, "message": c.message, "paper": c.paper}
+            for c in execution.evidence.checks
+        ],
+        "verdict": verdict.success,
+        "reason": verdict.reason,
+        "conflict": verdict.conflict,
+        "by": verdict.by,
+    }
+    if truth is not None:
+        row |= _truth(truth)
+    exchanges = list(verdict.exchanges)
+    recovery, admission = execution.recovery, execution.admission
+    if recovery is not None:
+        exchanges += recovery.exchanges
+        row |= {
+            "analysis_what": recovery.analysis.what,
+            "analysis_why": recovery.analysis.why,
+            "analysis_how": recovery.analysis.how,
+            "analysis_motion": _goal(recovery.analysis.motion),
+            "proposed": _steps(recovery.steps),
+            "recovery_by": recovery.by,
+        }
+    if admission is not None:
+        row |= {"admitted": _steps(admission.steps), "refusals": list(admission.refusals)}
+    return row | _spent(exchanges)
+
+
+def failure_kind(trial: Trial) -> str | None:
+    """What went wrong, from the truth; None when nothing did or the truth is not known.
+
+    In order: an end by a fault is "fault"; judged and not inserted "false_accept"; inserted and
+    not judged "false_reject"; a reasoner that stopped, or a trial without a Fit, "gave_up". Then
+    where the peg was, first after the last Fit and then at the end: outside the hole it had
+    "missed_edge" short of the hole's centre (Fit travels toward -y) or "overshot" beyond it.
+    In the hole it is a "compression_stop" if the last execution was stopped so, else "wedged".
+    """
+    if trial.end_reason.startswith("fault:"):
+        return "fault"
+    if trial.inserted is None or (trial.judged and trial.inserted):
+        return None
+    if trial.judged or trial.inserted:
+        return "false_accept" if trial.judged else "false_reject"
+    fits = [t for e, t in _pairs(trial) if e.formation is Formation.FIT]
+    if trial.end_reason == End.STOPPED or not fits:
+        return "gave_up"
+    for truth in (fits[-1], trial.truths[-1]):
+        if not truth.fit:
+            return "missed_edge" if truth.tip[1] > truth.hole_y else "overshot"
+    stopped = trial.executions[-1].outcome.stop is Stop.COMPRESSION
+    return "compression_stop" if stopped else "wedged"
+
+
+def _pairs(trial: Trial) -> list[tuple[Execution, Truth]]:
+    return list(zip(trial.executions, trial.truths, strict=False))
+
+
+def _truth(truth: Truth) -> Row:
+    x, y, z = truth.tip
+    return {
+        "truth_inserted": truth.inserted,
+        "truth_fit": truth.fit,
+        "truth_depth_m": _number(truth.depth_m),
+        "truth_tip_x_m": _number(x),
+        "truth_tip_y_m": _number(y),
+        "truth_tip_z_m": _number(z),
+        "truth_tilt_rad": _number(truth.tilt_rad),
+        "truth_hole_y_m": _number(truth.hole_y),
+        "truth_compression_m": _number(truth.compression_m),
+    }
+
+
+def _spent(exchanges: list[Exchange]) -> Row:
+    costs = [e.cost_usd for e in exchanges if e.cost_usd is not None]
+    return {
+        "tokens": sum(e.tokens for e in exchanges),
+        "cost_usd": sum(costs) if costs else None,
+        "latency_s": sum((e.latency_s for e in exchanges), 0.0),
+    }
+
+
+def _pose(prefix: str, pose: Pose) -> Row:
+    return {f"{prefix}_{axis_field(axis)}": pose[axis] for axis in Axis}
+
+
+def _goal(goal: Partial) -> Mapping[str, float | None]:
+    return {axis_field(axis): _number(value) for axis, value in goal.items()}
+
+
+def _steps(steps: Iterable[Step]) -> list[Row]:
+    return [
+        {"formation": str(s.formation), "retreat": s.retreat, "goal": _goal(s.goal)} for s in steps
+    ]
+
+
+def _number(value: float) -> float | None:
+    """JSON and tables have no NaN and no infinity: what is not finite was not measured."""
+    return float(value) if math.isfinite(value) else None

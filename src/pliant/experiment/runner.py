@@ -1,0 +1,218 @@
+"""Runs an experiment into a folder: resumable, on local processes or on a Ray cluster.
+
+The journal is the truth: a trial is finished when its line is on the disk. Whatever dies, the same
+command goes on from there, and the results do not depend on who performed what, or when.
+"""
+
+import json
+import os
+from array import array
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pliant import store
+from pliant.errors import InputError
+from pliant.experiment import journal, results
+from pliant.experiment.engine import Ended, Engine, Local, Work
+from pliant.experiment.plan import Experiment, differences
+from pliant.experiment.progress import Silent, Watcher
+from pliant.experiment.rows import Rows, lost
+from pliant.experiment.work import Job, Save, perform_job
+
+TRIES = 3
+TIME_LIMIT_S = 600.0
+_LOOK_S = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """What a call of `run` achieved: trials in all, finished by now, before it began, and those
+    recorded as errors by it. Not `complete`: it was interrupted, and the same call goes on."""
+
+    total: int
+    done: int
+    resumed: int
+    errors: int
+
+    @property
+    def complete(self) -> bool:
+        return self.done == self.total
+
+
+def run(
+    experiment: Experiment,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    ray: str | None = None,
+    save: Save = Save.NONE,
+    time_limit_s: float = TIME_LIMIT_S,
+    watcher: Watcher | None = None,
+    work: Work = perform_job,
+) -> Finished:
+    """Perform what is missing of an experiment in `folder`, then write its Parquet files.
+
+    `workers` None: every core. `ray`: a cluster's address instead; its nodes must share `folder`
+    if trials are saved. A trial that outlasts `time_limit_s` or kills its worker is tried three
+    times in all, then recorded as `fault:timeout` or `fault:worker`. Ctrl-C ends it early.
+
+    Raises:
+        InputError: the folder holds something else, another configuration, or a damaged journal;
+            something cannot be written; no worker can start; the cluster does not answer.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"workers is {workers}: it must be at least 1")
+    if not time_limit_s > 0:
+        raise InputError(f"the time limit is {time_limit_s:g} s: it must be above 0")
+    prepare(experiment, folder)
+    path = folder / journal.FILE
+    with journal.Journal(path) as book, watcher or Silent() as seen:
+        place = _Places(experiment)
+        for entry in journal.scan(path):
+            cell = place.put(entry.trial_id, entry.offset, path)
+            seen.known(cell, entry.inserted)
+        resumed = place.done
+        if book.torn:
+            seen.say(f"journal: dropped a half-written last line ({book.torn} bytes)")
+        if resumed:
+            seen.say(f"resuming: {resumed} of {len(experiment)} trials are there")
+        jobs = (
+            Job(spec=spec, goals=experiment.goals, folder=folder, save=save)
+            for spec, offset in zip(experiment.specs(), place.offsets, strict=True)
+            if offset < 0
+        )
+        errors = 0
+        if resumed < len(experiment):
+            try:
+                with closing(_engine(work, workers, ray, time_limit_s, place)) as engine:
+                    for rows in _perform(engine, jobs):
+                        cell = place.put(rows.trial_id, book.append(rows), path)
+                        errors += rows.trial["failure_kind"] == "fault"
+                        seen.finished(cell, rows.trial["inserted"])
+            except KeyboardInterrupt:
+                seen.say("interrupted: what is finished is kept; the same command goes on")
+        if place.done == len(experiment):
+            results.write(folder, path, place.offsets)
+    return Finished(total=len(experiment), done=place.done, resumed=resumed, errors=errors)
+
+
+def prepare(experiment: Experiment, folder: Path) -> None:
+    """Make the output folder, with run.json; or see that it belongs to this experiment.
+
+    Raises:
+        InputError: it holds something else, or results of another configuration.
+    """
+    store.prepare_folder(folder)
+    document = json.loads(
+        json.dumps({**experiment.document, "fingerprint": experiment.fingerprint})
+    )
+    run_file = folder / store.RUN
+    if not run_file.exists():
+        store.write_run_json(
+            folder,
+            configuration=document,
+            reasoner=", ".join(dict.fromkeys(c.reasoner for c in experiment.cells)),
+            model=None,
+        )
+        return
+    before = _configuration(run_file)
+    if before.get("fingerprint") != document["fingerprint"]:
+        changed = [f for f in differences(before, document) if f != "fingerprint"]
+        raise InputError(
+            f"output folder '{folder}' holds results of another configuration"
+            f" ({', '.join(changed)} differ): choose another folder, or remove it"
+        )
+
+
+def _configuration(run_file: Path) -> dict[str, Any]:
+    try:
+        configuration = json.loads(run_file.read_bytes())["configuration"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"'{run_file}' is broken ({error}): choose another folder, or remove this one"
+        ) from error
+    return configuration if isinstance(configuration, dict) else {}
+
+
+def _engine(
+    work: Work, workers: int | None, ray: str | None, time_limit_s: float, place: "_Places"
+) -> Engine:
+    if ray is not None:
+        from pliant.experiment.on_ray import OnRay
+
+        return OnRay(work, address=ray, time_limit_s=time_limit_s)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    most = workers or cores or 1
+    return Local(work, workers=min(most, place.missing), time_limit_s=time_limit_s)
+
+
+def _perform(engine: Engine, jobs: Iterator[Job]) -> Iterator[Rows]:
+    """Rows as trials end. One that was lost is tried again after all others."""
+    again: deque[Job] = deque()
+    tries: Counter[str] = Counter()
+    while True:
+        while engine.in_flight < engine.capacity:
+            job = next(jobs, None) or (again.popleft() if again else None)
+            if job is None:
+                break
+            engine.start(job)
+        if not engine.in_flight:
+            return
+        for over in engine.wait(_LOOK_S):
+            name = over.job.spec.trial_id
+            tries[name] += over.problem in ("worker", "timeout")
+            if over.problem in ("worker", "timeout") and tries[name] < TRIES:
+                again.append(over.job)
+            else:
+                yield _rows(over, tries[name])
+
+
+def _rows(over: Ended, tries: int) -> Rows:
+    if over.rows is not None:
+        return over.rows
+    message = f"{over.message}, {tries} times" if tries else over.message
+    return lost(over.job.spec, over.problem, message, wall_s=0.0)
+
+
+class _Places:
+    """Where each trial's line is in the journal, in canonical order; -1: not finished. It holds
+    eight bytes a trial."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        self._experiment = experiment
+        self._cells = {
+            cell.spec(0).trial_id.rpartition("-")[0]: i for i, cell in enumerate(experiment.cells)
+        }
+        self.offsets = array("q", [-1]) * len(experiment)
+        self.done = 0
+
+    @property
+    def missing(self) -> int:
+        return len(self.offsets) - self.done
+
+    def put(self, trial_id: str, offset: int, path: Path) -> int:
+        """Note a line; return its trial's cell.
+
+        Raises:
+            InputError: the trial is not of this experiment, or was there before.
+        """
+        prefix, _, seed = trial_id.rpartition("-")
+        cell = self._cells.get(prefix)
+        nth = int(seed) - self._experiment.first_seed if seed.isdecimal() else -1
+        if cell is None or not 0 <= nth < self._experiment.trials:
+            raise InputError(
+                f"journal '{path}' holds trial '{trial_id}', which is not of this experiment:"
+                " choose another folder"
+            )
+        index = cell * self._experiment.trials + nth
+        if self.offsets[index] >= 0:
+            raise InputError(
+                f"journal '{path}' holds trial '{trial_id}' twice: delete one of its lines"
+            )
+        self.offsets[index] = offset
+        self.done += 1
+        return cell

@@ -1,0 +1,201 @@
+"""The paper's tables and pliant's own, from the Parquet files of a finished run and nothing else.
+
+`build` gives them as a JSON-able dict, `markdown` as text; `write` puts both beside the data.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from pliant import store
+from pliant.experiment import measures, paper, results
+from pliant.experiment.measures import Row
+from pliant.experiment.tables_text import markdown
+from pliant.formations import RECOVERABLE
+from pliant.records import SCHEMA
+
+MARKDOWN_FILE, JSON_FILE = "tables.md", "tables.json"
+Document = dict[str, Any]
+_Key = tuple[str, str, str, str]  # level, peg, condition, reasoner
+
+
+def write(folder: Path) -> Document:
+    """Build the tables of a finished run and write tables.md and tables.json beside its data.
+
+    Raises:
+        InputError: the Parquet files are missing or broken, or the folder cannot be written.
+    """
+    document = build(folder)
+    store.write_bytes(folder / JSON_FILE, (json.dumps(document, indent=1) + "\n").encode())
+    store.write_bytes(folder / MARKDOWN_FILE, markdown(document).encode())
+    return document
+
+
+def build(folder: Path) -> Document:
+    """All tables of a finished run, as JSON values; percentages from 0 to 100.
+
+    Raises:
+        InputError: the Parquet files are missing or broken.
+    """
+    cells: dict[_Key, _Cell] = {}
+    owner: dict[str, _Cell] = {}
+    for trial in results.read_trials(folder).drop_columns(["wall_s"]).to_pylist():
+        key = (trial["level"], trial["peg"], trial["condition"], trial["reasoner"])
+        cell = cells.setdefault(key, _Cell(key=key))
+        cell.trials.append(trial)
+        owner[trial["trial_id"]] = cell
+    for executions in results.each_trials_executions(folder):
+        owner[executions[0]["trial_id"]].add(executions)
+    ordered = _in_the_papers_order(cells.values())
+    return {
+        "schema": SCHEMA,
+        "paper": {"source": paper.source(), "reasoner": paper.REASONER},
+        "cells": [_cell(cell) for cell in ordered],
+        "transitions": _transitions(ordered),
+        "pairs": _pairs(ordered),
+    }
+
+
+def timing(folder: Path) -> dict[str, float]:
+    """Trials, simulated and wall time [s] summed over all trials: it differs from run to run, and
+    is kept out of the tables.
+
+    Raises:
+        InputError: as `build`.
+    """
+    rows = results.read_trials(folder).select(["simulated_s", "wall_s"]).to_pylist()
+    return {
+        "trials": len(rows),
+        "simulated_s": sum(r["simulated_s"] for r in rows),
+        "wall_s": sum(r["wall_s"] for r in rows),
+    }
+
+
+@dataclass(kw_only=True)
+class _Cell:
+    """One cell's rows: trials whole, executions already counted."""
+
+    key: _Key
+    trials: list[Row] = field(default_factory=list)
+    transitions: dict[str, Counter[str]] = field(default_factory=dict)
+    align: Counter[str] = field(default_factory=Counter)
+
+    def add(self, executions: Sequence[Row]) -> None:
+        """Count one trial's executions."""
+        for origin, to in measures.transitions(executions).items():
+            self.transitions.setdefault(origin, Counter()).update(to)
+        self.align.update(measures.false_alignments(executions))
+        cycles = measures.overshoot_cycles(executions)
+        self.align.update(cycles=cycles, trials_with_cycles=int(cycles > 0))
+
+
+def _cell(cell: _Cell) -> Document:
+    level, peg, condition, reasoner = cell.key
+    trials = cell.trials
+    return {
+        "level": level,
+        "peg": peg,
+        "condition": condition,
+        "reasoner": reasoner,
+        "model": next((t["model"] for t in trials if t["model"] is not None), None),
+        "n": len(trials),
+        "judged": measures.rate(t["judged"] for t in trials),
+        "inserted": measures.rate(measures.inserted(t) for t in trials),
+        "disagreed": sum(measures.inserted(t) not in (None, t["judged"]) for t in trials),
+        "faults": sum(t["failure_kind"] == "fault" for t in trials),
+        "extra": measures.extra_executions(trials),
+        "paper": _papers(level, peg, condition, reasoner),
+        "depth": measures.depths(trials),
+        "grasp_angle": measures.by_grasp_angle(trials),
+        "align": {
+            name: cell.align[name]
+            for name in ("cycles", "trials_with_cycles", "accepted", "false", "stopped")
+        },
+        "failure_kinds": measures.kinds(trials),
+    }
+
+
+def _papers(level: str, peg: str, condition: str, reasoner: str) -> Document | None:
+    found = paper.table2(peg, condition, reasoner) if level == "L0" else None
+    if found is None:
+        return None
+    return {
+        "reasoner": paper.BASELINE if reasoner == paper.BASELINE else paper.REASONER,
+        "n": found.trials,
+        "judged": found.judged_percent,
+        "inserted": found.inserted_percent,
+        "extra": dict(found.extra),
+    }
+
+
+def _transitions(cells: Sequence[_Cell]) -> list[Document]:
+    """Table III per level, peg and reasoner, over all conditions."""
+    sums: dict[tuple[str, str, str], dict[str, Counter[str]]] = {}
+    for cell in cells:
+        level, peg, _, reasoner = cell.key
+        total = sums.setdefault((level, peg, reasoner), {})
+        for origin, to in cell.transitions.items():
+            total.setdefault(origin, Counter()).update(to)
+    return [
+        {
+            "level": level,
+            "peg": peg,
+            "reasoner": reasoner,
+            "counts": {o: {f: to[f] for f in map(str, RECOVERABLE)} for o, to in total.items()},
+            "paper": paper.table3(peg) if level == "L0" else None,
+        }
+        for (level, peg, reasoner), total in sums.items()
+        if total
+    ]
+
+
+def _pairs(cells: Sequence[_Cell]) -> list[Document]:
+    """Every two reasoners on the trials that both have: in each cell, and in all together."""
+    outcomes: dict[str, dict[tuple[str, str, str], dict[int, bool]]] = {}
+    for cell in cells:
+        level, peg, condition, reasoner = cell.key
+        known = {t["seed"]: measures.inserted(t) for t in cell.trials}
+        outcomes.setdefault(reasoner, {})[level, peg, condition] = {
+            seed: result for seed, result in known.items() if result is not None
+        }
+    rows: list[Document] = []
+    for first, second in combinations(outcomes, 2):
+        shared = [place for place in outcomes[first] if place in outcomes[second]]
+        names = {"first": first, "second": second}
+        for place in shared:
+            found = measures.compare(outcomes[first][place], outcomes[second][place])
+            if found is not None:
+                level, peg, condition = place
+                where = {"level": level, "peg": peg, "condition": condition}
+                rows.append({**names, **where, **found})
+        pooled = measures.compare(
+            *(
+                {(place, s): ok for place in shared for s, ok in outcomes[who][place].items()}
+                for who in (first, second)
+            )
+        )
+        if pooled is not None:
+            rows.append({**names, "level": None, "peg": None, "condition": None, **pooled})
+    return rows
+
+
+def _in_the_papers_order(cells: Iterable[_Cell]) -> list[_Cell]:
+    """The baseline first, then reasoner by reasoner, each peg by peg, as they came."""
+    given = list(cells)
+    levels, pegs, conditions, reasoners = (
+        list(dict.fromkeys(cell.key[i] for cell in given)) for i in range(4)
+    )
+    return sorted(
+        given,
+        key=lambda c: (
+            levels.index(c.key[0]),
+            c.key[3] != paper.BASELINE,
+            reasoners.index(c.key[3]),
+            pegs.index(c.key[1]),
+            conditions.index(c.key[2]),
+        ),
+    )

@@ -1,0 +1,165 @@
+"""The tables as Markdown, for a terminal, a file or the README."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from pliant.experiment.columns import KINDS
+from pliant.formations import RECOVERABLE
+
+Document = Mapping[str, Any]
+REFERENCE = "rules"
+"""Against whom reasoners are shown in each cell; the first one where it is not there."""
+
+
+def markdown(document: Document) -> str:
+    """All tables of `tables.build`, under headings."""
+    cells = document["cells"]
+    paper = document["paper"]
+    sections = [
+        "# Tables",
+        f"Paper: {paper['source']}, whose reasoner is {paper['reasoner']}; each row of ours says"
+        " which reasoner made it. Percentages stand with their n and 95 % Wilson interval. F is"
+        " judged inserted, G truly inserted. A trial that a fault ended counts as not inserted.",
+        "## Table II: success, and average extra executions",
+        table2(cells),
+        "## Table III: from the failed formation to the first of its plan [%]",
+        table3(document["transitions"], paper["reasoner"]),
+        "## Reasoner against reasoner, on the same seeds",
+        pairs(document["pairs"]),
+        "## Depth reached",
+        depth(cells),
+        "## Success against the grasp angle's size",
+        grasp_angle(cells),
+        "## Align: corrections that overshoot, and false acceptances",
+        align(cells),
+        "## Failures by kind, from the truth",
+        failure_kinds(cells),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def table2(cells: Sequence[Document]) -> str:
+    """Table II in the paper's layout, the paper's own figures beside ours."""
+    header = ["peg", "condition", "reasoner", "n", "F [%]", "G [%]"]
+    header += [str(f) for f in RECOVERABLE]
+    header += ["paper's F, G [%]", "paper's fit, align, insertion"]
+    rows = []
+    for c in cells:
+        extra = [f"{c['extra'][f]:.2f}" for f in RECOVERABLE]
+        theirs = c["paper"]
+        success = (
+            f"{theirs['judged']:g}, {theirs['inserted']:g} (n {theirs['n']})" if theirs else ""
+        )
+        spent = ", ".join(f"{theirs['extra'][f]:.1f}" for f in theirs["extra"]) if theirs else ""
+        rows.append(
+            [*_who(c), str(c["n"]), _rate(c["judged"]), _rate(c["inserted"]), *extra]
+            + [success or "–", spent or "–"]
+        )
+    text = _table(header, rows)
+    faults = sum(c["faults"] for c in cells)
+    disagreed, n = sum(c["disagreed"] for c in cells), sum(c["n"] for c in cells)
+    return f"{text}\n\nJudged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
+
+
+def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
+    """Table III per peg and reasoner, with n in each row; the paper's for the circle."""
+    rows = []
+    for t in transitions:
+        for origin, to in t["counts"].items():
+            n = sum(to.values())
+            shares = [f"{100 * to[f] / n:.1f}" for f in RECOVERABLE]
+            rows.append([t["peg"], t["reasoner"], origin, *shares, str(n)])
+    with_paper = {t["peg"]: t["paper"] for t in transitions if t["paper"] is not None}
+    for peg, theirs in with_paper.items():
+        for origin, to in theirs.items():
+            shares = [f"{to[f]:.1f}" for f in RECOVERABLE]
+            rows.append([peg, f"paper: {papers_reasoner}", origin, *shares, "–"])
+    header = ["peg", "reasoner", "from", *(f"to {f}" for f in RECOVERABLE), "n"]
+    return _table(header, rows) if rows else "No execution was followed by a plan."
+
+
+def pairs(rows: Sequence[Document]) -> str:
+    """Differences in success: all cells together for every two, and cell by cell against one."""
+    if not rows:
+        return "Only one reasoner."
+    names = list(dict.fromkeys(name for r in rows for name in (r["first"], r["second"])))
+    reference = REFERENCE if REFERENCE in names else names[0]
+    shown = [r for r in rows if r["peg"] is None]
+    shown += [r for r in rows if r["peg"] and reference in (r["first"], r["second"])]
+    header = ["first − second", "peg", "condition", "n", "difference [points]"]
+    header += ["only first", "only second", "McNemar p"]
+    return _table(
+        header,
+        (
+            [
+                f"{r['first']} − {r['second']}",
+                r["peg"] or "all",
+                r["condition"] or "all",
+                str(r["n"]),
+                f"{r['difference']:+.1f} [{r['low']:+.1f}, {r['high']:+.1f}]",
+                str(r["only_first"]),
+                str(r["only_second"]),
+                f"{r['p']:.2g}",
+            ]
+            for r in shown
+        ),
+    )
+
+
+def depth(cells: Sequence[Document]) -> str:
+    """Share of trials that ended at least so deep."""
+    names = list(dict.fromkeys(d for c in cells for d in c["depth"]))
+    header = ["peg", "condition", "reasoner", *(f"≥ {d} mm [%]" for d in names)]
+    return _table(header, ([*_who(c), *(_rate(c["depth"][d]) for d in names)] for c in cells))
+
+
+def grasp_angle(cells: Sequence[Document]) -> str:
+    """Success by the size of the drawn grasp angle."""
+    drawn = [c for c in cells if c["grasp_angle"]]
+    if not drawn:
+        return "No cell draws the grasp angle."
+    names = list(dict.fromkeys(b for c in drawn for b in c["grasp_angle"]))
+    names.sort(key=lambda name: float(name.partition("–")[0]))
+    header = ["peg", "condition", "reasoner", *(f"{b}° [%]" for b in names)]
+    return _table(
+        header, ([*_who(c), *(_rate(c["grasp_angle"].get(b)) for b in names)] for c in drawn)
+    )
+
+
+def align(cells: Sequence[Document]) -> str:
+    """Overshoot cycles, and false acceptances of Align that end in a compression stop."""
+    header = ["peg", "condition", "reasoner", "overshoot cycles", "in trials", "accepted"]
+    header += ["falsely", "then compression stop"]
+    names = ("cycles", "trials_with_cycles", "accepted", "false", "stopped")
+    return _table(header, ([*_who(c), *(str(c["align"][n]) for n in names)] for c in cells))
+
+
+def failure_kinds(cells: Sequence[Document]) -> str:
+    """How many trials of each kind, for the cells that have any."""
+    failed = [c for c in cells if c["failure_kinds"]]
+    if not failed:
+        return "None."
+    kinds = [k for k in KINDS if any(k in c["failure_kinds"] for c in failed)]
+    header = ["peg", "condition", "reasoner", "n", *(k.replace("_", " ") for k in kinds)]
+    rows = (
+        [*_who(c), str(c["n"]), *(str(c["failure_kinds"].get(k, 0)) for k in kinds)] for c in failed
+    )
+    meanings = "\n".join(f"- {k.replace('_', ' ')}: {KINDS[k]}" for k in kinds)
+    return f"{_table(header, rows)}\n\n{meanings}"
+
+
+def _who(cell: Document) -> list[str]:
+    model = f" ({cell['model']})" if cell["model"] else ""
+    level = "" if cell["level"] == "L0" else f" {cell['level']}"
+    return [cell["peg"] + level, cell["condition"], cell["reasoner"] + model]
+
+
+def _rate(rate: Document | None) -> str:
+    if rate is None or rate["n"] == 0:
+        return "–"
+    return f"{rate['percent']:.1f} [{rate['low']:.1f}, {rate['high']:.1f}] of {rate['n']}"
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

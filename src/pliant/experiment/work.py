@@ -1,0 +1,73 @@
+"""What a worker does with one trial: performs it in a simulated cell, keeps its record if asked."""
+
+import os
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pliant import store, teaching
+from pliant.experiment.one import Spec, perform
+from pliant.experiment.rows import Rows, rows_of
+from pliant.sim.gl import choose_backend
+from pliant.task import Task
+from pliant.teaching import Teaching
+
+if TYPE_CHECKING:
+    from pliant.sim.cell import SimCell
+
+_KEPT_CELLS = 3  # compiled models, tens of MB each; an experiment goes peg by peg
+
+
+class Save(StrEnum):
+    """Which trials keep their full record, in DIR/trials/<id>/."""
+
+    FAILURES = "failures"
+    ALL = "all"
+    NONE = "none"
+
+    def wants(self, rows: Rows) -> bool:
+        return self is Save.ALL or (self is Save.FAILURES and rows.failed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One trial for a worker: `goals` as in the experiment, `folder` the run's."""
+
+    spec: Spec
+    goals: str | None
+    folder: Path
+    save: Save
+
+
+def perform_job(job: Job) -> Rows:
+    """Perform a trial. Its record and trajectory are on the disk before its rows are returned.
+
+    Raises:
+        InputError: there is no OpenGL, or the record cannot be written.
+    """
+    cell = _cell(job.spec.task)
+    trial = perform(job.spec, cell, _teaching(job.goals))
+    rows = rows_of(trial)
+    if job.save.wants(rows):
+        from pliant.sim import replay
+
+        folder = job.folder / "trials" / trial.trial_id
+        store.save_trial(folder, trial)
+        replay.save(folder, cell.trajectory())
+    return rows
+
+
+@lru_cache(maxsize=_KEPT_CELLS)
+def _cell(task: Task) -> "SimCell":
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # software OpenGL: one core a worker
+    choose_backend()  # before MuJoCo is first imported
+    from pliant.sim.cell import SimCell
+
+    return SimCell()
+
+
+@lru_cache(maxsize=1)
+def _teaching(goals: str | None) -> Teaching:
+    return teaching.shipped() if goals is None else teaching.load(Path(goals))
