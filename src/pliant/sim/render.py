@@ -19,10 +19,14 @@ _SPRING_RGBA = np.array([0.85, 0.65, 0.15, 1.0], np.float32)
 
 
 class Cameras:
-    """Draws a model's cameras. The renderer is made at the first picture and kept."""
+    """Draws a model's cameras. The renderer is made at the first picture and kept.
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    `enlarged` draws images that many times as wide and high; the model must allow it.
+    """
+
+    def __init__(self, model: mujoco.MjModel, *, enlarged: int = 1) -> None:
         self._model = model
+        self._size = c.IMAGE_SIZE[0] * enlarged, c.IMAGE_SIZE[1] * enlarged
         self._renderer: mujoco.Renderer | None = None
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = 0
@@ -56,7 +60,7 @@ class Cameras:
 
     def _ready(self) -> mujoco.Renderer:
         if self._renderer is None:
-            width, height = c.IMAGE_SIZE
+            width, height = self._size
             try:
                 self._renderer = mujoco.Renderer(self._model, height, width, max_geom=1000)
             except Exception as error:  # the back ends raise what they like
