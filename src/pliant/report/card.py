@@ -11,6 +11,7 @@ from pliant.report import words
 from pliant.report.html import Html, join, tag
 
 _AXES = (Axis.Y, Axis.Z, Axis.ROLL, Axis.X, Axis.PITCH, Axis.YAW)  # in the plane first
+_CHECKS = {"table_i": "Table I", "goal_picture": "goal picture"}
 _VOTES = {True: ("yes", "✓ yes"), False: ("no", "✗ no"), None: ("none", "– not made")}
 
 
@@ -160,7 +161,7 @@ def _check(check: Check) -> Html:
     kind, vote = _VOTES[check.vote]
     return tag(
         "tr",
-        tag("th", check.name.replace("_", " "), "" if check.paper else " *", scope="row"),
+        tag("th", _CHECKS.get(check.name, check.name), "" if check.paper else " *", scope="row"),
         tag("td", vote, class_=f"vote {kind}"),
         tag("td", check.message),
     )
@@ -199,7 +200,11 @@ def _recovery(execution: Execution) -> Html:
         )
         for n, planned in enumerate(recovery.steps)
     ]
-    plan = table(["planned", "admitted"], rows, "Steps") if rows else tag("p", "No steps: stop.")
+    plan = (
+        table(["planned", "admitted"], rows, "The plan, and what of it may be done.")
+        if rows
+        else tag("p", "No steps: stop.")
+    )
     refusals = [tag("li", reason) for reason in (admission.refusals if admission else ())]
     refused = join(tag("p", "Refused:"), tag("ul", *refusals)) if refusals else Html("")
     return section("Recovery", facts(pairs), plan, refused, _exchanges(recovery.exchanges))
