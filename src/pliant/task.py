@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 from pliant.errors import InputError, unknown
+from pliant.pose import Axis
 
 BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block with the hole in it
 
@@ -165,6 +166,16 @@ VALID_RANGES: Mapping[str, tuple[float, float]] = {
 }
 
 
+AXES: Mapping[str, Axis | None] = {"friction": None, "hole_y": Axis.Y, "grasp_roll": Axis.ROLL}
+"""The axis whose unit a quantity has; None: a bare factor."""
+
+
+def in_words(quantity: str, value: float) -> str:
+    """A quantity's value as a person reads it: "-20 mm", "5 deg", "3"."""
+    axis = AXES[quantity]
+    return f"{value:g}" if axis is None else f"{axis.to_report(value):g} {axis.report_unit}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Setup:
     """What is actual in one trial. Ground truth: it stays on the experiment's side."""
@@ -192,8 +203,9 @@ class Condition:
             least, most = VALID_RANGES[name]
             if not least <= low <= high <= most:
                 raise InputError(
-                    f"condition '{self.name}': range {low:g} to {high:g} of {name} cannot be;"
-                    f" it must lie in order within {least:g} to {most:g}"
+                    f"condition '{self.name}': {name} from {in_words(name, low)} to"
+                    f" {in_words(name, high)} cannot be; it must lie in order within"
+                    f" {in_words(name, least)} to {in_words(name, most)}"
                 )
 
     def draw(self, seed: int) -> Setup:

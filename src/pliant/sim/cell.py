@@ -1,6 +1,7 @@
 """The simulated cell: a Robot for the method, a Workcell with the truth for the experiment."""
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -89,6 +90,21 @@ class SimCell:
         return Trajectory(
             time_s=np.array(times), qpos=np.array(qpos, np.float32), setup=robot.setup
         )
+
+    def show(self) -> None:
+        """Open MuJoCo's viewer on the prepared cell and keep it in step, in real time."""
+        import mujoco.viewer
+
+        robot, _ = self._prepared()
+        viewer = mujoco.viewer.launch_passive(robot.model, robot.data)
+        began = time.monotonic() - robot.clock()
+
+        def step() -> None:
+            time.sleep(max(0.0, began + robot.clock() - time.monotonic()))
+            if viewer.is_running():
+                viewer.sync()
+
+        robot.watch(step)
 
     def _prepared(self) -> "tuple[SimRobot, Task]":
         if self._robot is None or self._task is None:

@@ -1,0 +1,30 @@
+"""The command line: the only place that chooses a cell and a reasoner. One file per command."""
+
+import sys
+
+import tyro
+
+from pliant.cli.experiment import experiment
+from pliant.cli.run import run
+from pliant.cli.tables import tables
+from pliant.errors import PliantError
+
+_DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist."
+
+
+def main() -> None:
+    """Exit status: 0 inserted or done, 1 not inserted or not complete, 2 wrong usage."""
+    try:
+        sys.exit(
+            tyro.extras.subcommand_cli_from_dict(
+                {"run": run, "experiment": experiment, "tables": tables},
+                prog="pliant",
+                description=_DESCRIPTION,
+            )
+        )
+    except PliantError as error:
+        print(f"pliant: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("pliant: interrupted", file=sys.stderr)
+        sys.exit(130)

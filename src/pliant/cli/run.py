@@ -1,0 +1,172 @@
+"""`pliant run`: one insertion, shown as it happens, stored as an experiment of one trial."""
+
+import json as json_format
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.console import Console
+from rich.text import Text
+
+from pliant.cell import Truth
+from pliant.cli.ranges import Ranges
+from pliant.errors import InputError
+from pliant.experiment import journal, plan, results, runner
+from pliant.experiment.one import Spec, perform
+from pliant.experiment.plan import Experiment
+from pliant.experiment.rows import rows_of
+from pliant.pose import describe
+from pliant.records import Execution, Trial
+from pliant.sim.gl import choose_backend
+
+if TYPE_CHECKING:
+    from pliant.sim.cell import SimCell
+
+_SUCCESS, _FAILURE = "#117733", "#882255"  # the paper's green and purple
+
+
+def run(
+    *,
+    peg: str = "circle",
+    condition: str = "all",
+    seed: int = 1,
+    reasoner: str = "rules",
+    level: str = "L0",
+    goals: Path | None = None,
+    out: Path | None = None,
+    video: bool = True,
+    json: bool = False,
+    live: bool = False,
+    ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
+) -> int:
+    """Run one insertion and write its result folder.
+
+    Args:
+        peg: circle, square, rectangle, or the path of a peg file (.yaml).
+        condition: none, friction, pose or all: what is drawn at random.
+        seed: decides every drawn quantity.
+        reasoner: rules, retry, none, or your own as path/to/file.py:Class.
+        level: the rung of the ladder; L0 is the paper's grid.
+        goals: a taught goals file in place of the shipped one.
+        out: the result folder; default runs/ and the trial's name.
+        video: also draw the whole trial as an MP4, afterwards.
+        json: print one line of JSON with the columns of trials.parquet, and nothing else.
+        live: watch in MuJoCo's viewer, in real time; needs a screen.
+        ranges: ranges in place of the condition's own.
+    """
+    fields = {
+        "pegs": peg,
+        "conditions": [ranges.applied_to(condition)],
+        "reasoners": reasoner,
+        "level": level,
+        "trials": 1,
+        "first_seed": seed,
+        "goals": None if goals is None else str(goals),
+    }
+    experiment = plan.from_fields(fields)
+    spec = next(experiment.specs())
+    teaching = experiment.teaching()
+    choose_backend()
+    from pliant.report import trial as report
+    from pliant.sim.cell import SimCell
+
+    cell = SimCell()
+    cell.prepare(spec.task, spec.condition.draw(seed)).observe()  # refuses to start blind
+    if live:
+        _watch(cell)
+    folder = out or Path("runs") / spec.trial_id
+    runner.prepare(experiment, folder)
+    teller = _Teller(Console(stderr=json, highlight=False, soft_wrap=True))
+    teller.begin(spec)
+    trial = perform(spec, cell, teaching, on_execution=teller.tell)
+    _store(experiment, folder, trial)
+    page = folder / "trials" / trial.trial_id
+    if not json and video:
+        teller.say("drawing the video ...")
+    report.write(page, trial, teaching, trajectory=cell.trajectory(), video=video)
+    teller.end(trial, page / report.PAGE)
+    if json:
+        print(json_format.dumps(rows_of(trial).trial))
+    return 0 if _is_done(trial) else 1
+
+
+def _is_done(trial: Trial) -> bool:
+    return trial.judged if trial.inserted is None else trial.inserted
+
+
+def _store(experiment: Experiment, folder: Path, trial: Trial) -> None:
+    """The journal and Parquet files of an experiment of one trial; running it again changes
+    nothing but the wall time, so the first line stays."""
+    rows = rows_of(trial)
+    path = folder / journal.FILE
+    with journal.Journal(path) as book:
+        if not any(entry.trial_id == trial.trial_id for entry in journal.scan(path)):
+            book.append(rows)
+    results.write_rows(folder, [rows])
+
+
+def _watch(cell: "SimCell") -> None:
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise InputError("--live needs a screen, and DISPLAY is not set: run without --live")
+    cell.show()
+
+
+@dataclass(frozen=True)
+class _Teller:
+    """Says what happens, a line per skill, and what was thought about a failure."""
+
+    console: Console
+
+    def say(self, text: str) -> None:
+        self.console.print(Text(text))
+
+    def begin(self, spec: Spec) -> None:
+        self.say(
+            f"{spec.task.peg.name} peg, condition {spec.condition.name}, seed {spec.seed},"
+            f" {spec.reasoner}"
+        )
+
+    def tell(self, execution: Execution, truth: Truth) -> None:
+        outcome, verdict = execution.outcome, execution.verdict
+        mark, colour = ("success", _SUCCESS) if verdict.success else ("failure", _FAILURE)
+        how = " after a retreat" if outcome.step.retreat else ""
+        line = Text(f"{execution.index + 1:3d} ")
+        line.append(f"{outcome.step.formation:<9}", style=f"bold {colour}")
+        line.append(f" to {describe(outcome.step.goal)}{how}: {outcome.stop}, ")
+        line.append(mark, style=f"bold {colour}")
+        line.append(f" ({verdict.reason})")
+        if verdict.conflict:
+            line.append(f"; {verdict.conflict}")
+        self.console.print(line)
+        if execution.recovery is not None:
+            analysis = execution.recovery.analysis
+            self.say(f"      what  {analysis.what}")
+            self.say(f"      why   {analysis.why}")
+            self.say(f"      how   {analysis.how}")
+        if execution.admission is not None:
+            for refusal in execution.admission.refusals:
+                self.say(f"      refused  {refusal}")
+
+    def end(self, trial: Trial, page: Path) -> None:
+        if trial.inserted is None:
+            by = "as judged; there is no ground truth"
+            inserted = trial.judged
+        else:
+            depth = trial.truths[-1].depth_m * 1e3
+            by = f"ground truth: {depth:.1f} mm deep; judged {'yes' if trial.judged else 'no'}"
+            inserted = trial.inserted
+        fault = f" ({trial.fault})" if trial.fault else ""
+        moves = sum(len(e.outcome.motions) for e in trial.executions)
+        line = Text("inserted" if inserted else "not inserted", style="bold")
+        line.append(f" ({by})", style="not bold")
+        self.console.print(line)
+        self.say(
+            f"{trial.end_reason}{fault}: {len(trial.executions)} executions, {moves} motions,"
+            f" {trial.simulated_s:.1f} s of robot time, {trial.wall_s:.1f} s of yours"
+        )
+        self.say(f"page: {page}")
