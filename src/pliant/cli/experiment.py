@@ -37,7 +37,7 @@ def experiment(
         file: an experiment file (YAML) with the same fields; options given here replace its own.
         pegs: shipped pegs or peg files.
         conditions: of none, friction, pose and all.
-        reasoners: of rules, retry and none, or your own as path/to/file.py:Class.
+        reasoners: rules, messages, sweep, retry, none, oracle, or your own (path/to/file.py:Class).
         trials: per cell; default 30.
         first_seed: default 1; seeds pair across cells.
         level: the rung of the ladder.

@@ -48,7 +48,7 @@ def run(
         peg: circle, square, rectangle, or the path of a peg file (.yaml).
         condition: none, friction, pose or all: what is drawn at random.
         seed: decides every drawn quantity.
-        reasoner: rules, retry, none, or your own as path/to/file.py:Class.
+        reasoner: rules, messages, sweep, retry, none, oracle, or your own as path/to/file.py:Class.
         level: the rung of the ladder; L0 is the paper's grid.
         goals: a taught goals file in place of the shipped one.
         out: the result folder; default runs/ and the trial's name.

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 from pliant.cell import Truth, Workcell
 from pliant.envelope import Limits
+from pliant.experiment.oracle import NAME, Oracle
 from pliant.reasoners import reasoner
 from pliant.records import Execution, Trial
+from pliant.recovery import Reasoner
 from pliant.skills.planar import Planar
-from pliant.task import Condition, Task
+from pliant.task import Condition, Setup, Task
 from pliant.teaching import Teaching
 from pliant.trial import Patience, Run
 
@@ -39,8 +41,8 @@ def perform(
 ) -> Trial:
     """Run a trial to its end. The truth goes into the record, never to the reasoner."""
     started = time.perf_counter()
-    mind = reasoner(spec.reasoner)
     setup = spec.condition.draw(spec.seed)
+    mind = _reasoner(spec.reasoner, cell, setup)
     robot = cell.prepare(spec.task, setup)
     run = Run(
         robot=robot,
@@ -72,6 +74,11 @@ def perform(
         drawn=setup.quantities(),
         truths=tuple(truths),
     )
+
+
+def _reasoner(name: str, cell: Workcell, setup: Setup) -> Reasoner:
+    """A reasoner; only the oracle, which is a control, is given the truth."""
+    return Oracle(truth=cell.truth, setup=setup) if name == NAME else reasoner(name)
 
 
 def _file_name(text: str) -> str:

@@ -25,6 +25,7 @@ import yaml
 
 from pliant import teaching
 from pliant.errors import InputError, unknown
+from pliant.experiment import oracle
 from pliant.experiment.one import Spec
 from pliant.formations import Formation
 from pliant.pose import Axis
@@ -226,7 +227,8 @@ def _cells(block: Mapping[str, Any]) -> Iterator[Cell]:
     tasks = [load_task(_name("peg", peg), level) for peg in pegs]
     drawn = [parse_condition(entry) for entry in conditions]
     for name in reasoners:
-        reasoner(_name("reasoner", name))  # refuses a name that cannot be used
+        if _name("reasoner", name) != oracle.NAME:
+            reasoner(name)  # refuses a name that cannot be used
     for task, entry, name in product(tasks, drawn, reasoners):
         yield Cell(task=task, condition=entry, reasoner=name)
 

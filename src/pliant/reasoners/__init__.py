@@ -5,11 +5,17 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pliant.errors import InputError, unknown
-from pliant.reasoners.controls import OpenLoop, Retry
+from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
 from pliant.recovery import Reasoner
 
-REASONERS: Mapping[str, type[Rules]] = {"rules": Rules, "retry": Retry, "none": OpenLoop}
+REASONERS: Mapping[str, type[Rules]] = {
+    "rules": Rules,
+    "messages": Messages,
+    "sweep": Sweep,
+    "retry": Retry,
+    "none": OpenLoop,
+}
 
 
 def reasoner(name: str) -> Reasoner:
@@ -22,7 +28,12 @@ def reasoner(name: str) -> Reasoner:
         return REASONERS[name]()
     path, colon, attribute = name.rpartition(":")
     if not colon or not path.endswith(".py"):
-        raise unknown("reasoner", name, REASONERS, "or your own as path/to/file.py:Class")
+        raise unknown(
+            "reasoner",
+            name,
+            REASONERS,
+            "in simulation oracle, or your own as path/to/file.py:Class",
+        )
     spec = importlib.util.spec_from_file_location(Path(path).stem, path)
     if spec is None or spec.loader is None or not Path(path).is_file():
         raise InputError(f"reasoner file '{path}' does not exist")

@@ -3,9 +3,13 @@ are worth."""
 
 from dataclasses import dataclass
 
-from pliant.formations import Formation
+from pliant.formations import Formation, Step
+from pliant.pose import Axis
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, FailureAnalysis, Recovery, Verdict
+
+_SWEEP_M = (0.0, -0.005, 0.005, -0.010, 0.010, -0.015, 0.015, -0.020, 0.020)  # around the taught
+_STEP_M = 0.009  # of `messages`: Table I gives a direction and no size
 
 
 @dataclass(frozen=True)
@@ -25,15 +29,75 @@ class Retry(Rules):
     name: str = "retry"
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
-        goals = case.teaching.goals
-        return Recovery(
-            analysis=FailureAnalysis(
-                what=verdict.reason, why="not asked", how="retreat and repeat as taught", motion={}
-            ),
-            steps=(
-                goals.step(Formation.FIT, retreat=True),
-                goals.step(Formation.ALIGN),
-                goals.step(Formation.INSERTION),
-            ),
-            by=self.name,
+        return _from_the_start(self.name, case, 0.0, "retreat and repeat as taught")
+
+
+@dataclass(frozen=True)
+class Sweep(Rules):
+    """Retreat, and repeat with the goals shifted by the next of a fixed list of offsets: a bounded
+    search that never reads the evidence."""
+
+    name: str = "sweep"
+
+    def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
+        tries = sum(execution.recovery is not None for execution in case.history)
+        offset = _SWEEP_M[tries % len(_SWEEP_M)]
+        how = f"retreat and repeat {offset * 1e3:+.0f} mm from the taught goals"
+        return _from_the_start(self.name, case, offset, how)
+
+
+@dataclass(frozen=True)
+class Messages(Rules):
+    """Plan from Table I's words alone, by a fixed step; at Insertion repeat Align."""
+
+    name: str = "messages"
+
+    def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
+        table = case.evidence["table_i"]
+        words = "" if table is None else table.message
+        failed = case.outcome.step.formation
+        start = failed if failed in (Formation.FIT, Formation.ALIGN) else Formation.ALIGN
+        shift = _STEP_M * _direction(words, failed)
+        steps = [case.goals.step(start), case.goals.step(Formation.INSERTION)]
+        if start is Formation.FIT:
+            steps.insert(1, case.goals.step(Formation.ALIGN))
+        y = case.goals.formations[start][Axis.Y] + shift
+        steps[0] = Step(formation=start, goal={Axis.Y: y})
+        analysis = FailureAnalysis(
+            what=words or verdict.reason,
+            why="not asked",
+            how=f"{start} {shift * 1e3:+.0f} mm" if shift else f"repeat {start}",
+            motion={Axis.Y: shift},
         )
+        return Recovery(analysis=analysis, steps=tuple(steps), by=self.name)
+
+
+def _direction(words: str, failed: Formation) -> int:
+    """+1 or -1 along y by Table I's message; 0 where it names none. A position outweighs a lean: a
+    peg that leans left is righted by moving right."""
+    if "too small" in words:
+        return 1
+    if "too big" in words:
+        return -1
+    if "tilted to the left" in words:
+        return 1
+    if "tilted to the right" in words:
+        return -1
+    return -1 if failed is Formation.FIT else 0  # Fit failed unnoticed by Table I: travel on
+
+
+def _from_the_start(name: str, case: Case, offset: float, how: str) -> Recovery:
+    """Touch down again and repeat, with Fit's and Align's taught goals shifted by `offset` [m]."""
+    goals = case.teaching.goals
+    fit, align = (goals.formations[f][Axis.Y] + offset for f in (Formation.FIT, Formation.ALIGN))
+    return Recovery(
+        analysis=FailureAnalysis(
+            what="the verdict was failure", why="not asked", how=how, motion={Axis.Y: offset}
+        ),
+        steps=(
+            Step(formation=Formation.FIT, goal={Axis.Y: fit}, retreat=True),
+            Step(formation=Formation.ALIGN, goal={Axis.Y: align}),
+            goals.step(Formation.INSERTION),
+        ),
+        by=name,
+    )
