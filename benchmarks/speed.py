@@ -1,0 +1,141 @@
+"""How fast a simulated trial is, and where its time goes: `make bench`.
+
+Three figures from one run, medians over trials of the circle under `all`:
+the bare `mj_step` rate of the same model; a trial's skills without pictures; whole trials with the
+rules and a 640x480 picture per check. "Other" is everything that is neither physics nor rendering:
+inverse kinematics, measuring, checking, reasoning, records.
+"""
+
+import argparse
+import os
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+os.environ.setdefault("LP_NUM_THREADS", "0")  # software OpenGL: one core, as in an experiment
+
+from pliant.sim.gl import choose_backend
+
+choose_backend()
+
+import mujoco  # noqa: E402
+
+from pliant.belief import Belief  # noqa: E402
+from pliant.experiment.one import Spec, perform  # noqa: E402
+from pliant.formations import Formation  # noqa: E402
+from pliant.records import Look  # noqa: E402
+from pliant.sim import render  # noqa: E402
+from pliant.sim.cell import SimCell, SimRobot  # noqa: E402
+from pliant.skills.planar import Planar  # noqa: E402
+from pliant.task import condition, load_task  # noqa: E402
+from pliant.teaching import shipped  # noqa: E402
+from pliant.vision.scene import Scene  # noqa: E402
+
+
+@dataclass(kw_only=True)
+class Clock:
+    """Adds up the time spent inside a function that it wraps."""
+
+    seconds: float = 0.0
+
+    def around(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self.seconds += time.perf_counter() - began
+
+        return timed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One trial's times [s]."""
+
+    simulated: float
+    wall: float
+    physics: float
+    rendering: float
+
+    @property
+    def other(self) -> float:
+        return self.wall - self.physics - self.rendering
+
+
+def skills_only(robot: SimRobot) -> None:
+    """The five skills with the taught goals; looks take no picture."""
+    goals = shipped().goals
+    for formation in Formation:
+        Planar()(
+            robot,
+            lambda: Look(observation=robot.observe(cameras=()), scene=Scene(peg=None, hole=None)),
+            goals.target(formation),
+            goals.step(formation),
+            Belief(),
+        )
+
+
+def main(trials: int) -> None:
+    task, drawn, cell = load_task("circle"), condition("all"), SimCell()
+    physics, rendering = Clock(), Clock()
+    bare = mujoco.mj_step
+    mujoco.mj_step = physics.around(bare)
+    render.Cameras.image = rendering.around(render.Cameras.image)  # type: ignore[method-assign]
+
+    def measured(body: Callable[[int], float]) -> list[Row]:
+        rows = []
+        for seed in range(trials + 1):
+            physics.seconds = rendering.seconds = 0.0
+            began = time.perf_counter()
+            simulated = body(seed)
+            row = Row(
+                simulated=simulated,
+                wall=time.perf_counter() - began,
+                physics=physics.seconds,
+                rendering=rendering.seconds,
+            )
+            rows += [row] if seed else []  # the first one warms up
+        return rows
+
+    def without_pictures(seed: int) -> float:
+        robot = cell.prepare(task, drawn.draw(seed))
+        skills_only(robot)
+        return robot.clock()
+
+    def whole(seed: int) -> float:
+        spec = Spec(task=task, condition=drawn, seed=seed, reasoner="rules")
+        return perform(spec, cell, shipped()).simulated_s
+
+    robot = cell.prepare(task, drawn.draw(0))
+    rates = []
+    for _ in range(5):
+        began = time.perf_counter()
+        bare(robot.model, robot.data, 10_000)
+        rates.append(10_000 / (time.perf_counter() - began))
+    rate = statistics.median(rates)
+    step = robot.model.opt.timestep
+    print(f"bare mj_step: {rate:,.0f} steps/s, {rate * step:.0f} x real time")
+    for name, body in (("five skills, no pictures", without_pictures), ("whole trial", whole)):
+        report(name, measured(body))
+
+
+def report(name: str, rows: list[Row]) -> None:
+    def median(value: Callable[[Row], float]) -> float:
+        return statistics.median(map(value, rows))
+
+    print(
+        f"{name} (n = {len(rows)}): {median(lambda r: r.simulated / r.wall):.0f} x real time;"
+        f" {median(lambda r: r.simulated):.1f} s simulated in {median(lambda r: r.wall):.3f} s:"
+        f" physics {median(lambda r: r.physics):.3f},"
+        f" rendering {median(lambda r: r.rendering):.3f}, other {median(lambda r: r.other):.3f}"
+        f" ({100 * median(lambda r: r.other / r.physics):.0f} % of physics)"
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=20)
+    main(parser.parse_args().trials)
