@@ -1,12 +1,14 @@
 """The embedded reasoners on a handful of simulated trials."""
 
+from pathlib import Path
+
 import pytest
 from stand_ins import PEGS, cell_for, names
 
 from pliant.errors import InputError
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
-from pliant.reasoners import reasoner
+from pliant.reasoners import REASONERS, reasoner
 from pliant.records import End, Trial
 from pliant.task import CONDITIONS, load_task
 from pliant.teaching import shipped
@@ -113,8 +115,36 @@ def test_retry_retreats_and_repeats_what_was_taught_until_it_is_exhausted() -> N
 
 
 def test_an_unknown_reasoner_lists_the_valid_ones() -> None:
-    with pytest.raises(InputError, match="unknown reasoner 'oracle': valid are rules, retry, none"):
-        reasoner("oracle")
+    with pytest.raises(InputError, match="unknown reasoner 'nobody': valid are") as error:
+        reasoner("nobody")
+    assert all(name in str(error.value) for name in REASONERS)
+
+
+def test_a_reasoner_of_ones_own_is_named_by_its_file_and_class(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text("from pliant.reasoners.rules import Rules\nclass Mine(Rules): ...\n")
+    assert type(reasoner(f"{path}:Mine")).__name__ == "Mine"
+    with pytest.raises(InputError, match="cannot be made"):
+        reasoner(f"{path}:Yours")
+    with pytest.raises(InputError, match="does not exist"):
+        reasoner(f"{tmp_path / 'none.py'}:Mine")
+
+
+@pytest.mark.xfail(reason="the file's module is not in sys.modules while it is made")
+def test_a_reasoner_of_ones_own_may_be_a_dataclass_with_postponed_annotations(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "@dataclass\n"
+        "class Mine:\n"
+        "    name: str = 'mine'\n"
+        "    def judge(self, case): ...\n"
+        "    def recover(self, case, verdict): ...\n"
+    )
+    assert reasoner(f"{path}:Mine").name == "mine"
 
 
 def test_a_trial_keeps_what_was_drawn_and_the_truth_beside_each_execution() -> None:

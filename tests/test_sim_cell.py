@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import mujoco
@@ -238,11 +239,14 @@ def test_halting_again_and_again_does_not_let_the_arm_sink() -> None:
 
 
 def trajectory_of(cell: SimCell, condition: str, seed: int, reasoner: str) -> Trajectory:
+    """A whole trial's trajectory, its joints at full precision."""
     spec = Spec(
         task=load_task("circle"), condition=CONDITIONS[condition], seed=seed, reasoner=reasoner
     )
     perform(spec, cell, shipped())
-    return cell.trajectory()
+    robot = cell._robot
+    assert robot is not None
+    return replace(cell.trajectory(), qpos=np.array([qpos for _, qpos in robot.frames]))
 
 
 @pytest.mark.parametrize("condition", sorted(CONDITIONS))
@@ -257,6 +261,7 @@ def test_the_same_seed_gives_the_same_trajectory_bit_for_bit(condition: str) -> 
         assert other.time_s.tobytes() == first.time_s.tobytes()
         assert other.qpos.tobytes() == first.qpos.tobytes()
     assert len(first.qpos) > 100
+    assert first.qpos.dtype == np.float64
 
 
 def test_the_same_seed_gives_the_same_trajectory_after_another_peg() -> None:
