@@ -20,7 +20,8 @@ from pliant.experiment.rows import Rows
 from pliant.experiment.work import Job
 
 Work = Callable[[Job], Rows]
-STILLBORN_MOST = 3  # workers in a row that die before they are ready
+STILLBORN_MOST = 10  # workers in a row that are killed before they are ready
+BROKEN_MOST = 3  # workers in a row that end by themselves before they are ready
 _JOIN_S = 5.0
 
 
@@ -148,7 +149,8 @@ class Local:
             return Ended(job=worker.job, problem="worker", message=message)
         if not worker.ready:
             self._stillborn += 1
-        if self._stillborn >= STILLBORN_MOST:
+        by_itself = status is not None and status >= 0
+        if self._stillborn >= (BROKEN_MOST if by_itself else STILLBORN_MOST):
             raise InputError(
                 f"worker processes die as they start (exit status {status}): see the messages"
                 " above; a script that runs experiments needs 'if __name__ == \"__main__\":'"

@@ -1,0 +1,140 @@
+"""Experiments are built from names and files, and know what decides their outcomes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pliant.errors import InputError
+from pliant.experiment.plan import Experiment, differences, from_fields, load
+
+NAMES: dict[str, Any] = {
+    "pegs": ["circle", "square"],
+    "conditions": ["none", "all"],
+    "reasoners": ["rules"],
+    "trials": 2,
+}
+TABLE_II = """
+trials: 30
+cells:
+- {peg: circle, condition: [none, friction, pose, all], reasoner: none}
+- {peg: [circle, square, rectangle], condition: [none, friction, pose, all], reasoner: rules}
+"""
+
+
+def file_of(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "experiment.yaml"
+    path.write_text(text)
+    return path
+
+
+def names(experiment: Experiment) -> list[str]:
+    return ["-".join(cell.names) for cell in experiment.cells]
+
+
+def test_names_make_their_cross_product_in_order() -> None:
+    experiment = from_fields(NAMES)
+    assert names(experiment) == [
+        "L0-circle-none-rules",
+        "L0-circle-all-rules",
+        "L0-square-none-rules",
+        "L0-square-all-rules",
+    ]
+    assert len(experiment) == 8
+    assert [s.trial_id for s in experiment.specs()][:3] == [
+        "L0-circle-none-rules-1",
+        "L0-circle-none-rules-2",
+        "L0-circle-all-rules-1",
+    ]
+
+
+def test_a_file_lists_cells_so_that_the_baseline_is_the_circles_alone(tmp_path: Path) -> None:
+    experiment = load(file_of(tmp_path, TABLE_II))
+    assert len(experiment.cells) == 16
+    assert len(experiment) == 480
+    assert sum(c.reasoner == "none" for c in experiment.cells) == 4
+
+
+def test_what_is_given_at_the_command_line_replaces_the_files_fields(tmp_path: Path) -> None:
+    path = file_of(tmp_path, TABLE_II)
+    overrides = {"trials": 3, "first_seed": 7, "conditions": ["all"], "pegs": None}
+    experiment = load(path, overrides)
+    assert names(experiment) == [
+        "L0-circle-all-none",
+        "L0-circle-all-rules",
+        "L0-square-all-rules",
+        "L0-rectangle-all-rules",
+    ]
+    assert (experiment.trials, experiment.first_seed) == (3, 7)
+
+
+def test_a_condition_may_set_its_own_ranges_in_millimetres_and_degrees() -> None:
+    windy = {"name": "windy", "hole_y_mm": [-10, 10], "grasp_roll_deg": [0, 90 / 45]}
+    (cell,) = from_fields({**NAMES, "pegs": "circle", "conditions": [windy]}).cells
+    assert cell.condition.ranges["hole_y"] == (-0.01, 0.01)
+    assert cell.condition.ranges["grasp_roll"] == pytest.approx((0, 0.0349066), abs=1e-7)
+
+
+def test_a_cell_that_occurs_twice_counts_once() -> None:
+    cells = [{"peg": "circle", "condition": "none", "reasoner": "rules"}]
+    assert len(from_fields({**NAMES, "cells": cells}).cells) == 4
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"pegs": ["circle"], "trails": 3}, "unknown field 'trails'"),
+        ({**NAMES, "pegs": ["triangle"]}, "unknown peg 'triangle'"),
+        ({**NAMES, "conditions": ["wind"]}, "unknown condition 'wind'"),
+        ({**NAMES, "reasoners": ["luck"]}, "unknown reasoner 'luck'"),
+        ({**NAMES, "level": "L9"}, "unknown level 'L9'"),
+        ({**NAMES, "trials": 0}, "trials is 0"),
+        ({**NAMES, "trials": True}, "trials is True"),
+        ({**NAMES, "first_seed": -1}, "first_seed is -1"),
+        ({**NAMES, "pegs": [3]}, "peg is 3"),
+        ({**NAMES, "pegs": []}, "lacks its peg"),
+        ({"pegs": ["circle"]}, "lacks its condition"),
+        ({}, "lacks its peg"),
+        ({**NAMES, "goals": 3}, "goals is 3"),
+        ({**NAMES, "cells": "circle"}, "cells must be a list"),
+        ({**NAMES, "cells": [{"pegs": "circle"}]}, "unknown field of a cell 'pegs'"),
+        ({**NAMES, "conditions": [{"hole_y_mm": [0, 1]}]}, "condition's name is None"),
+        ({**NAMES, "conditions": [{"name": "all"}]}, "is the paper's"),
+        ({**NAMES, "conditions": [{"name": "w", "wind": [0, 1]}]}, "unknown quantity 'wind'"),
+        ({**NAMES, "conditions": [{"name": "w", "friction": 2}]}, "must be [low, high]"),
+        ({**NAMES, "conditions": [{"name": "w", "friction": [3, 2]}]}, "cannot be"),
+        (
+            {**NAMES, "conditions": [{"name": "w"}, {"name": "w", "friction": [1, 2]}]},
+            "two different cells are both named",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_one_line(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as refused:
+        from_fields(fields)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("text", ["- a list", "a: [1", "", "!!python/object/apply:os.getcwd []"])
+def test_a_file_that_is_no_experiment_is_refused_and_runs_nothing(
+    tmp_path: Path, text: str
+) -> None:
+    with pytest.raises(InputError, match=r"experiment\.yaml"):
+        load(file_of(tmp_path, text))
+    with pytest.raises(InputError, match="cannot be read"):
+        load(tmp_path / "absent.yaml")
+
+
+def test_the_fingerprint_changes_with_all_that_decides_outcomes(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text("from pliant.reasoners.rules import Rules as Mine\n")
+    fields = {**NAMES, "pegs": ["circle"], "reasoners": [f"{mine}:Mine"]}
+    before = from_fields(fields)
+    assert before.fingerprint == from_fields(fields).fingerprint
+    for change in ({"trials": 3}, {"first_seed": 2}, {"conditions": ["all"]}):
+        assert from_fields({**fields, **change}).fingerprint != before.fingerprint
+    mine.write_text("from pliant.reasoners.controls import Retry as Mine\n")
+    after = from_fields(fields)
+    assert after.fingerprint != before.fingerprint
+    assert differences(before.document, after.document) == ["cells"]

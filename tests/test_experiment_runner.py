@@ -1,0 +1,288 @@
+"""Whatever dies, an experiment loses no finished trial, repeats none, and ends the same."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from io import StringIO
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from rich.console import Console
+
+from pliant import store
+from pliant.errors import InputError
+from pliant.experiment import journal, results
+from pliant.experiment.columns import EXECUTIONS, schema
+from pliant.experiment.one import perform
+from pliant.experiment.plan import Experiment, from_fields
+from pliant.experiment.progress import Shown
+from pliant.experiment.rows import Rows, lost, rows_of
+from pliant.experiment.runner import Finished, run
+from pliant.experiment.work import Job, Save
+
+HERE = Path(__file__).parent
+TRIALS = 40  # per cell
+KILLS = 6
+EVERY_S = 0.02
+
+
+# --- what the workers do: no simulation ----------------------------------------------------------
+
+
+def quick(job: Job) -> Rows:
+    """A made-up trial that depends on its seed alone."""
+    time.sleep(EVERY_S)
+    rows = lost(job.spec, "made_up", f"seed {job.spec.seed}", 0.0)
+    executions = [{"trial_id": rows.trial_id, "index": i} for i in range(job.spec.seed % 3)]
+    trial = {**rows.trial, "inserted": job.spec.seed % 4 > 0, "wall_s": random.random()}
+    return Rows(trial=trial, executions=executions)
+
+
+def troubled(job: Job) -> Rows:
+    """Seed 2 kills its worker, seed 3 hangs, seed 4 raises, seed 5 dies the first time only."""
+    once = job.folder / "died_once"
+    if job.spec.seed == 2 or (job.spec.seed == 5 and not once.exists()):
+        if job.spec.seed == 5:
+            once.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if job.spec.seed == 3:
+        time.sleep(60)
+    if job.spec.seed == 4:
+        raise ZeroDivisionError("by a user's reasoner")
+    return quick(job)
+
+
+def refused(job: Job) -> Rows:
+    raise InputError("no OpenGL to draw pictures with")
+
+
+# --- helpers -------------------------------------------------------------------------------------
+
+
+def experiment(trials: int = 8, **changes: object) -> Experiment:
+    names = {"pegs": ["circle"], "conditions": ["none"], "reasoners": ["rules", "none"]}
+    return from_fields({**names, "trials": trials, **changes})
+
+
+def outcomes(folder: Path) -> tuple[pa.Table, list[object]]:
+    trials = results.read_trials(folder).drop_columns(["wall_s"])
+    return trials, list(results.each_trials_executions(folder))
+
+
+def drive(folder: str) -> None:
+    """The driver that the tests kill: `python -c "from ... import drive; drive(...)"`."""
+    run(experiment(TRIALS), Path(folder), workers=2, work=quick)
+
+
+def driver(folder: Path) -> "subprocess.Popen[bytes]":
+    code = f"from test_experiment_runner import drive; drive({str(folder)!r})"
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": f"{HERE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
+        stdout=subprocess.DEVNULL,
+    )
+
+
+def workers_of(process: "subprocess.Popen[bytes]") -> list[int]:
+    """Its spawned workers; not the process that watches shared memory."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    pids = children.read_text().split() if children.exists() else []
+    return [int(p) for p in pids if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
+
+
+def finished(folder: Path) -> int:
+    path = folder / journal.FILE
+    return sum(1 for _ in journal.scan(path)) if path.exists() else 0
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("undisturbed")
+    assert run(experiment(TRIALS), folder, workers=1, work=quick).complete
+    return folder
+
+
+# --- behaviour -----------------------------------------------------------------------------------
+
+
+def test_results_stand_in_canonical_order_whoever_was_first(undisturbed: Path) -> None:
+    trials, executions = outcomes(undisturbed)
+    assert trials["trial_id"].to_pylist() == [s.trial_id for s in experiment(TRIALS).specs()]
+    assert len(executions) == sum(seed % 3 > 0 for seed in range(1, TRIALS + 1)) * 2
+    assert pq.read_schema(undisturbed / "executions.parquet").equals(schema(EXECUTIONS))
+
+
+def test_killed_drivers_and_workers_lose_nothing_and_repeat_nothing(
+    tmp_path: Path, undisturbed: Path
+) -> None:
+    chance = random.Random(1)
+    process, kills, before = driver(tmp_path), 0, 0
+    deadline = time.monotonic() + 90
+    while process.poll() is None or process.returncode != 0:
+        assert time.monotonic() < deadline
+        if process.poll() is not None:
+            process = driver(tmp_path)
+        time.sleep(chance.uniform(0.02, 0.25))
+        now = finished(tmp_path)
+        assert now >= before, "a finished trial was lost"
+        started, before = now > before, now
+        if not started or kills >= KILLS:
+            continue
+        workers = workers_of(process)
+        whom = chance.choice([*workers, process.pid])
+        if process.poll() is None:
+            os.kill(whom, signal.SIGKILL)
+            kills += 1
+            if whom == process.pid:
+                process.wait()
+    assert kills >= 3
+    ours, theirs = outcomes(tmp_path), outcomes(undisturbed)
+    assert ours[0].equals(theirs[0])
+    assert ours[1] == theirs[1]
+    assert finished(tmp_path) == 2 * TRIALS
+
+
+def test_workers_end_when_their_driver_is_killed(tmp_path: Path) -> None:
+    process = driver(tmp_path)
+    while finished(tmp_path) < 3:
+        time.sleep(0.02)
+    workers = workers_of(process)
+    process.kill()
+    process.wait()
+    for _ in range(200):
+        if not any(Path(f"/proc/{w}").exists() for w in workers):
+            break
+        time.sleep(0.02)
+    assert workers
+    assert not any(Path(f"/proc/{w}").exists() for w in workers)
+
+
+def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(
+    tmp_path: Path, undisturbed: Path
+) -> None:
+    process = driver(tmp_path)
+    while finished(tmp_path) < 5:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    process.wait(timeout=20)
+    done = finished(tmp_path)
+    assert process.returncode == 0
+    assert 5 <= done < 2 * TRIALS
+    assert not (tmp_path / results.TRIALS_FILE).exists()
+    again = run(experiment(TRIALS), tmp_path, workers=2, work=quick)
+    assert (again.resumed, again.complete) == (done, True)
+    assert outcomes(tmp_path)[0].equals(outcomes(undisturbed)[0])
+
+
+def test_deaths_and_time_outs_are_recorded_after_three_tries_and_block_nobody(
+    tmp_path: Path,
+) -> None:
+    one = experiment(6, reasoners=["rules"])
+    done = run(one, tmp_path, workers=2, work=troubled, time_limit_s=0.4)
+    assert done == Finished(total=6, done=6, resumed=0, errors=done.errors)
+    ends = {r["seed"]: (r["end_reason"], r["fault"]) for r in outcomes(tmp_path)[0].to_pylist()}
+    assert ends[2] == ("fault:worker", "the worker process died (exit status -9), 3 times")
+    assert ends[3] == ("fault:timeout", "the trial took longer than 0.4 s, 3 times")
+    assert ends[4] == ("fault:error", "ZeroDivisionError: by a user's reasoner")
+    assert ends[5][0] == ends[1][0] == "fault:made_up"
+
+
+def test_what_every_trial_would_meet_ends_the_run_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no OpenGL"):
+        run(experiment(), tmp_path, workers=1, work=refused)
+
+
+def test_a_script_without_its_guard_is_told_so(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from pathlib import Path\n"
+        "from pliant.experiment.plan import from_fields\n"
+        "from pliant.experiment.runner import run\n"
+        "names = {'pegs': ['circle'], 'conditions': ['none'], 'reasoners': ['rules']}\n"
+        f"run(from_fields(names), Path({str(tmp_path / 'out')!r}), workers=2)\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "worker processes die as they start" in done.stderr
+
+
+def test_a_folder_of_another_configuration_is_refused(tmp_path: Path) -> None:
+    run(experiment(2), tmp_path, workers=1, work=quick)
+    for other, field in ((experiment(3), "trials"), (experiment(2, pegs=["square"]), "cells")):
+        with pytest.raises(InputError, match=f"another configuration \\({field} differ\\)"):
+            run(other, tmp_path, work=quick)
+    stranger = tmp_path / "notes"
+    stranger.mkdir()
+    (stranger / "shopping.txt").touch()
+    with pytest.raises(InputError, match="holds something else"):
+        run(experiment(2), stranger, work=quick)
+
+
+def test_a_journal_that_cannot_be_right_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    run(experiment(2), tmp_path, workers=1, work=quick)
+    path = tmp_path / journal.FILE
+    good = path.read_bytes()
+    first = good.splitlines(keepends=True)[0]
+    stray = journal.encoded(quick(job_of(experiment(3), seed=3, folder=tmp_path)))
+    for content, message in (
+        (good + first, "twice: delete one"),
+        (good + stray, "not of this experiment"),
+        (good.replace(b"made_up", b"made_ub", 1), "line 1 .* damaged"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=message):
+            run(experiment(2), tmp_path, workers=1, work=quick)
+    path.write_bytes(good[:-5])
+    assert run(experiment(2), tmp_path, workers=1, work=quick).resumed == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"workers": 0}, "workers is 0"),
+        ({"time_limit_s": 0.0}, "time limit is 0 s"),
+        ({"ray": "127.0.0.1:1"}, "Ray is not installed|no Ray cluster answers"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(
+    tmp_path: Path, options: dict[str, int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        run(experiment(), tmp_path, work=quick, **options)  # type: ignore[arg-type]
+
+
+def test_progress_is_shown_with_or_without_a_terminal(tmp_path: Path) -> None:
+    for terminal in (False, True):
+        console = Console(record=True, force_terminal=terminal, width=100, file=StringIO())
+        watcher = Shown(experiment(4), console)
+        run(experiment(4), tmp_path / str(terminal), workers=1, work=quick, watcher=watcher)
+        assert "8 of 8 trials, 6 inserted" in console.export_text()
+
+
+def test_two_workers_and_one_process_simulate_the_same_trials(tmp_path: Path) -> None:
+    plan = from_fields(
+        {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules", "none"], "trials": 2}
+    )
+    assert run(plan, tmp_path, workers=2, save=Save.FAILURES).errors == 0
+    from pliant.sim.cell import SimCell  # not above: every made-up worker would wait for MuJoCo
+
+    cell = SimCell()
+    alone = [rows_of(perform(spec, cell, plan.teaching())) for spec in plan.specs()]
+    simulated, _ = outcomes(tmp_path)
+    for ours, theirs in zip(simulated.to_pylist(), alone, strict=True):
+        assert {**ours, "wall_s": theirs.trial["wall_s"]} == theirs.trial
+    failed = [r.trial_id for r in alone if r.failed]
+    assert sorted(p.name for p in (tmp_path / "trials").iterdir()) == sorted(failed)
+    for name in failed:
+        kept = store.load_trial(tmp_path / "trials" / name)
+        assert (kept.trial_id, kept.judged and kept.inserted) == (name, False)
+        assert (tmp_path / "trials" / name / "trajectory.npz").is_file()
+
+
+def job_of(plan: Experiment, *, seed: int, folder: Path) -> Job:
+    return Job(spec=plan.cells[0].spec(seed), goals=None, folder=folder, save=Save.NONE)
