@@ -1,0 +1,209 @@
+"""The tables count what the rows say, stand beside the paper's figures, and never change."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pliant.errors import InputError
+from pliant.experiment import measures, paper, results, tables
+from pliant.experiment.one import Spec
+from pliant.experiment.rows import Row, Rows, lost
+from pliant.experiment.statistics import wilson
+from pliant.experiment.tables_text import markdown
+from pliant.task import condition, load_task
+
+GOAL = {"y_m": 0.0}
+
+
+def made(
+    seed: int,
+    inserted: bool,
+    *,
+    reasoner: str = "rules",
+    peg: str = "circle",
+    name: str = "all",
+    executions: tuple[Row, ...] = (),
+    **changes: Any,
+) -> Rows:
+    """A trial's rows, made up."""
+    spec = Spec(task=load_task(peg), condition=condition(name), seed=seed, reasoner=reasoner)
+    rows = lost(spec, "none", "", 0.5)
+    trial = {
+        **rows.trial,
+        "judged": inserted,
+        "inserted": inserted,
+        "depth_m": 0.021 if inserted else 0.004,
+        "end_reason": "inserted" if inserted else "exhausted",
+        "fault": None,
+        "failure_kind": None if inserted else "wedged",
+        **changes,
+    }
+    done = [{**e, "trial_id": rows.trial_id, "index": i} for i, e in enumerate(executions)]
+    return Rows(trial=trial, executions=done)
+
+
+def step(formation: str, *, verdict: bool = False, to: str | None = None, **changes: Any) -> Row:
+    """An execution's row; `to` is the first formation of the plan that follows."""
+    plan = None if to is None else [{"formation": to, "retreat": False, "goal": GOAL}]
+    return {
+        "formation": formation,
+        "verdict": verdict,
+        "proposed": plan,
+        "stop": "reached",
+        "goal_y_m": 0.0,
+        "truth_tilt_rad": 0.0,
+        "truth_fit": True,
+        **changes,
+    }
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two reasoners on eight seeds, and one cell that only one of them has."""
+    rows = [made(s, s <= 7, executions=(step("fit", to="fit"),), extra_fit=s) for s in range(1, 9)]
+    rows += [made(s, s <= 2, reasoner="none") for s in range(1, 9)]
+    rows += [made(s, True, peg="square", name="none") for s in range(1, 4)]
+    results.write_rows(tmp_path, rows)
+    return tmp_path
+
+
+def test_table_ii_gives_success_with_n_and_interval_beside_the_papers(folder: Path) -> None:
+    document = tables.build(folder)
+    baseline, ours, square = document["cells"]
+    assert [baseline["reasoner"], ours["reasoner"], square["peg"]] == ["none", "rules", "square"]
+    assert (ours["n"], ours["inserted"]["successes"]) == (8, 7)
+    assert ours["inserted"]["low"] == 100 * wilson(7, 8).low
+    assert ours["extra"] == {"fit": 4.5, "align": 0.0, "insertion": 0.0}
+    assert (ours["paper"]["judged"], ours["paper"]["inserted"]) == (87, 83)
+    assert (baseline["paper"]["inserted"], baseline["paper"]["extra"]) == (47, {})
+    text = markdown(document)
+    assert "| circle | all | rules | 8 | 87.5 [52.9, 97.8] of 8 | 87.5" in text
+    assert "87, 83 (n 30) | 0.8, 1.0, 1.1 |" in text
+    assert "GPT-4o" in text
+
+
+def test_reasoners_are_compared_on_the_seeds_they_share(folder: Path) -> None:
+    cell, pooled = tables.build(folder)["pairs"]
+    assert (cell["first"], cell["second"], cell["condition"]) == ("none", "rules", "all")
+    assert (cell["only_first"], cell["only_second"], cell["n"]) == (0, 5, 8)
+    assert cell["difference"] == -62.5
+    assert cell["low"] < -62.5 < cell["high"] < 0
+    assert cell["p"] == 2 / 2**5
+    assert pooled["peg"] is None
+    assert pooled["n"] == 8
+
+
+def test_table_iii_counts_the_first_step_of_each_plan(folder: Path) -> None:
+    (row,) = tables.build(folder)["transitions"]
+    assert row["counts"] == {"fit": {"fit": 8, "align": 0, "insertion": 0}}
+    assert row["paper"]["align"]["align"] == 90.5
+    assert "| circle | rules | fit | 100.0 | 0.0 | 0.0 | 8 |" in markdown(tables.build(folder))
+    planned = [
+        step("fit", verdict=True, to="fit"),  # a success plans nothing that counts
+        step("align", to="fit"),
+        step("align", to="align"),
+        step("insertion"),
+    ]
+    found = measures.transitions(planned)
+    assert found == {"align": {"fit": 1, "align": 1, "insertion": 0}}
+
+
+def test_tables_are_written_beside_the_data_and_do_not_depend_on_wall_time(folder: Path) -> None:
+    document = tables.write(folder)
+    text = (folder / "tables.json").read_bytes()
+    assert json.loads(text) == document
+    rows = [
+        Rows(trial={**t, "wall_s": 9.0}, executions=e)
+        for t, e in zip(
+            results.read_trials(folder).to_pylist(),
+            [*results.each_trials_executions(folder), *([[]] * 11)],
+            strict=True,
+        )
+    ]
+    results.write_rows(folder, rows)
+    assert tables.timing(folder)["wall_s"] == 9.0 * len(rows)
+    tables.write(folder)
+    assert (folder / "tables.json").read_bytes() == text
+
+
+def test_a_fault_counts_as_not_inserted_and_an_unlabelled_trial_not_at_all() -> None:
+    fault = {**made(1, False).trial, "inserted": None, "end_reason": "fault:worker"}
+    unlabelled = {**made(2, False).trial, "inserted": None}
+    assert measures.inserted(fault) is False
+    assert measures.inserted(unlabelled) is None
+    assert measures.rate([True, False, None])["n"] == 2
+    assert measures.rate([None])["percent"] is None
+
+
+def test_depth_and_grasp_angle_are_counted_in_steps() -> None:
+    angles = (0.5, -3.5, 3.99, 4.0, 4.9)
+    trials = [
+        made(i, abs(a) < 4, drawn_grasp_roll=math.radians(a)).trial for i, a in enumerate(angles)
+    ]
+    assert [d["successes"] for d in measures.depths(trials).values()] == [3, 3, 0]
+    bins = measures.by_grasp_angle(trials)
+    assert {name: (b["successes"], b["n"]) for name, b in bins.items()} == {
+        "0–1": (1, 1),
+        "3–4": (2, 2),
+        "4–5": (0, 2),
+    }
+    assert measures.by_grasp_angle([made(1, True, drawn_grasp_roll=0.0).trial]) == {}
+
+
+def test_overshoot_is_a_correction_that_undoes_the_last() -> None:
+    def cycles(*goals_mm: float) -> int:
+        return measures.overshoot_cycles([step("align", goal_y_m=g * 1e-3) for g in goals_mm])
+
+    assert cycles(0, 3, 5) == 0
+    assert cycles(0, 3, 1, 2) == 2
+    assert cycles(0, 3, 3.05, 5) == 0  # as good as the same goal
+    assert cycles(0) == 0
+
+
+def test_a_false_acceptance_is_one_that_the_truth_denies() -> None:
+    stopped = step("insertion", stop="compression")
+    leaning = step("align", verdict=True, truth_tilt_rad=math.radians(7))
+    out = step("align", verdict=True, truth_fit=False)
+    upright = step("align", verdict=True)
+    rejected = step("align", truth_tilt_rad=math.radians(7))
+    found = measures.false_alignments([leaning, stopped, out, upright, stopped, rejected, stopped])
+    assert found == {"accepted": 3, "false": 2, "stopped": 1}
+
+
+def test_failure_kinds_are_counted_and_explained(folder: Path) -> None:
+    baseline = tables.build(folder)["cells"][0]
+    assert baseline["failure_kinds"] == {"wedged": 6}
+    assert "- wedged: in the hole, not deep enough" in markdown(tables.build(folder))
+
+
+def test_the_papers_figures_are_whole() -> None:
+    for peg in ("circle", "square", "rectangle"):
+        for name in ("none", "friction", "pose", "all"):
+            row = paper.table2(peg, name, "rules")
+            assert row is not None
+            assert row.inserted_percent <= row.judged_percent <= 100
+            assert set(row.extra) == {"fit", "align", "insertion"}
+            assert (paper.table2(peg, name, "none") is None) == (peg != "circle")
+    assert paper.table2("hexagon", "all", "rules") is None
+    assert "arXiv 2509.17666" in paper.source()
+
+
+def test_a_run_of_nothing_but_successes_still_has_all_its_tables(tmp_path: Path) -> None:
+    results.write_rows(tmp_path, [made(1, True, name="none")])
+    text = markdown(tables.write(tmp_path))
+    for words in ("No execution was followed", "Only one reasoner", "No cell draws", "None."):
+        assert words in text
+
+
+def test_what_is_no_finished_run_is_refused_with_what_to_do(tmp_path: Path, folder: Path) -> None:
+    with pytest.raises(InputError, match="finish it with the command that began it"):
+        tables.build(tmp_path / "absent")
+    (folder / "executions.parquet").write_bytes(b"PAR1 no")
+    with pytest.raises(InputError, match="cannot be read"):
+        tables.build(folder)
+    (folder / "trials.parquet").write_bytes((folder / "executions.parquet").read_bytes())
+    with pytest.raises(InputError, match="cannot be read"):
+        tables.timing(folder)
