@@ -52,7 +52,7 @@ class Shown:
         self._console = console
         self._counts = [_Count() for _ in experiment.cells]
         self._began = self._said = time.monotonic()
-        self._fresh = 0
+        self._done = self._fresh = 0
         self._bar = Progress(
             TextColumn("trials"),
             BarColumn(),
@@ -83,12 +83,12 @@ class Shown:
 
     def known(self, cell: int, inserted: bool | None) -> None:
         self._count(cell, inserted)
-        self._bar.reset(self._task, completed=self._done, total=len(self._experiment))
 
     def finished(self, cell: int, inserted: bool | None) -> None:
+        if not self._fresh:  # time left is judged by what is finished now
+            self._bar.reset(self._task, completed=self._done)
         self._fresh += 1
         self._count(cell, inserted)
-        self._bar.update(self._task, completed=self._done, rate=f"{self._rate:.1f}/s")
         if not self._console.is_terminal and time.monotonic() - self._said > _PLAIN_EVERY_S:
             self._said = time.monotonic()
             self._console.print(self._line(), highlight=False)
@@ -97,14 +97,11 @@ class Shown:
         self._console.print(text, highlight=False, markup=False)
 
     @property
-    def _done(self) -> int:
-        return sum(c.done for c in self._counts)
-
-    @property
     def _rate(self) -> float:
         return self._fresh / max(1e-9, time.monotonic() - self._began)
 
     def _count(self, cell: int, inserted: bool | None) -> None:
+        self._done += 1
         self._counts[cell].done += 1
         self._counts[cell].inserted += inserted is True
 
@@ -115,10 +112,12 @@ class Shown:
         return f"{self._done} of {len(self._experiment)} trials, {inserted} inserted{rate}{until}"
 
     def _screen(self) -> Group:
+        rate = f"{self._rate:.1f}/s" if self._fresh else ""
+        self._bar.update(self._task, completed=self._done, rate=rate)
         table = Table(box=None, pad_edge=False, show_header=False)
         for cell, count in self._cells_shown():
-            rate = f"{100 * count.inserted / count.done:.0f} % inserted" if count.done else ""
-            table.add_row(*cell, f"{count.done}/{self._experiment.trials}", rate)
+            success = f"{100 * count.inserted / count.done:.0f} % inserted" if count.done else ""
+            table.add_row(*cell, f"{count.done}/{self._experiment.trials}", success)
         return Group(table, self._bar)
 
     def _cells_shown(self) -> list[tuple[tuple[str, ...], _Count]]:

@@ -24,6 +24,7 @@ from pliant.experiment.rows import Rows, lost
 from pliant.experiment.work import Job, Save, perform_job
 
 TRIES = 3
+LOST = ("worker", "timeout")  # problems that another try may not have
 TIME_LIMIT_S = 600.0
 _LOOK_S = 0.5
 
@@ -164,11 +165,12 @@ def _perform(engine: Engine, jobs: Iterator[Job]) -> Iterator[Rows]:
             return
         for over in engine.wait(_LOOK_S):
             name = over.job.spec.trial_id
-            tries[name] += over.problem in ("worker", "timeout")
-            if over.problem in ("worker", "timeout") and tries[name] < TRIES:
+            if over.problem in LOST:
+                tries[name] += 1
+            if over.problem in LOST and tries[name] < TRIES:
                 again.append(over.job)
             else:
-                yield _rows(over, tries[name])
+                yield _rows(over, tries.pop(name, 0))
 
 
 def _rows(over: Ended, tries: int) -> Rows:
