@@ -48,6 +48,7 @@ _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
 _FIELDS = (*_BLOCK, "level", "cells", "trials", "first_seed", "goals")
 _CELL_FIELDS = (*_BLOCK.values(), "level")
 _CANNOT_DECIDE = ("cli", "report", "export", "envs", "experiment", "store.py")
+_DECIDE = ("one.py", "oracle.py", "rows.py")  # of the experiment's own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,7 +306,7 @@ def _goals_digest(taught: Teaching) -> str:
 def _code_digest() -> str:
     """Content hash of the package's files that a trial's outcome can depend on."""
     root = Path(str(files("pliant")))
-    kept = [root / "experiment" / "one.py"]
+    kept = [root / "experiment" / name for name in _DECIDE]
     kept += [
         path
         for path in root.rglob("*")
