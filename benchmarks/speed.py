@@ -69,7 +69,7 @@ def skills_only(robot: SimRobot) -> None:
     """The five skills with the taught goals; looks take no picture."""
     goals = shipped().goals
     for formation in Formation:
-        Planar()(
+        Planar(taught=goals)(
             robot,
             lambda: Look(observation=robot.observe(cameras=()), scene=Scene(peg=None, hole=None)),
             goals.target(formation),

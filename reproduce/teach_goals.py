@@ -67,7 +67,7 @@ def main(path: Path, fit_y: float) -> None:
         }
     )
     robot = Guarded(cell.prepare(task, nominal), Limits())
-    skill, demonstrations = Planar(), {}
+    skill, demonstrations = Planar(taught=goals), {}
     for formation in Formation:
         outcome = skill(
             robot,

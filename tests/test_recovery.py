@@ -114,7 +114,6 @@ def test_an_admitted_plan_still_leads_to_targets_inside_the_workspace(
         assert LIMITS.outside({axis: target[axis] for axis in Axis}) is None
 
 
-@pytest.mark.xfail(reason="the run-up of a retreat to Fit is not looked at")
 @given(st.floats(-0.09, 0.09), st.floats(-0.045, 0.045))
 def test_an_admitted_retreat_never_meets_the_envelope(in_force: float, change: float) -> None:
     goals = shipped().goals.updated(step_to(FIT, {Axis.Y: in_force}))
@@ -125,7 +124,9 @@ def test_an_admitted_retreat_never_meets_the_envelope(in_force: float, change: f
         target = goals.updated(admitted_step).target(FIT)
         look = Look(observation=robot.observe(), scene=case.outcome.scene)
         try:
-            Planar()(Guarded(robot, LIMITS), partial(_same, look), target, step, Belief())
+            Planar(taught=shipped().goals)(
+                Guarded(robot, LIMITS), partial(_same, look), target, step, Belief()
+            )
         except RobotFault as fault:
             pytest.fail(str(fault))
 
@@ -185,7 +186,7 @@ def test_a_goal_that_is_not_finite_is_refused(value: float) -> None:
 
 def test_a_goal_outside_the_workspace_is_refused_with_the_workspace() -> None:
     result = admitted(step_to(FIT, {Axis.Y: -0.11}))
-    assert result.refusals == ("fit: y -110.0 mm is outside the workspace, -100.0 to 100.0 mm",)
+    assert result.refusals == ("fit: y -110.0 mm is outside the workspace, -99.0 to 99.0 mm",)
 
 
 def test_a_goal_further_than_one_step_is_refused_with_how_far() -> None:
@@ -243,7 +244,6 @@ def test_hidden_behind_any_depth_an_unchanged_y_stays_unchanged(z: float, y: flo
             assert step.goal[Axis.Z] >= case.outcome.target.z - 0.0005
 
 
-@pytest.mark.xfail(reason="only the last execution is asked whether it was stopped")
 def test_a_stop_is_remembered_over_a_failed_align_at_the_same_place() -> None:
     stopped = stopped_insertion()
     case = case_after(outcome_of(ALIGN))
@@ -254,7 +254,6 @@ def test_a_stop_is_remembered_over_a_failed_align_at_the_same_place() -> None:
     )
 
 
-@pytest.mark.xfail(reason="Fit's own y counts as a changed y, wherever Align goes")
 def test_passing_fit_on_the_way_to_the_same_place_does_not_allow_a_deeper_insertion() -> None:
     plan = (goal_step(FIT), goal_step(ALIGN), goal_step(INSERTION, -0.004))
     assert [s.formation for s in admitted(*plan, case=stopped_insertion()).steps] == [FIT, ALIGN]

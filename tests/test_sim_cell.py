@@ -185,7 +185,7 @@ def test_the_compression_limit_ends_a_motion_at_once_as_a_result(peg: str, limit
     robot.settle(0.5)  # nothing moves on after the stop
     robot.watch(lambda: None)
     assert max(peaks) <= limit + 0.0007
-    assert abs(robot.pose().z - motion.ended.z) < 0.0005
+    assert -0.0005 < robot.pose().z - motion.ended.z < 0.001  # if it gives way, then upward
 
 
 def test_a_stopped_robot_may_unload_and_then_move_on() -> None:
@@ -208,7 +208,6 @@ def test_a_stopped_robot_starts_its_next_line_where_it_stopped() -> None:
     assert np.linalg.norm(up.trace.pose[0, :3] - stopped.ended.position()) < 0.002
 
 
-@pytest.mark.xfail(reason="each push may press 0.2 mm further than the one before")
 def test_pushing_again_and_again_never_presses_past_the_limit() -> None:
     robot = prepared()
     go(robot, BESIDE_HOLE)
@@ -225,7 +224,6 @@ def test_halt_holds_where_the_arm_is() -> None:
     assert np.linalg.norm(robot.pose().position() - before.position()) < 0.0005
 
 
-@pytest.mark.xfail(reason="each halt takes the sagging position for the new set point")
 def test_halting_again_and_again_does_not_let_the_arm_sink() -> None:
     robot = prepared()
     before = robot.pose()

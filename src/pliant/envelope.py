@@ -22,11 +22,14 @@ class Limits:
     goal_step_m: float = 0.045
     goal_step_rad: float = 0.2
 
-    def outside(self, goal: Partial) -> str | None:
-        """Why a goal lies outside the workspace, or None."""
+    def outside(self, goal: Partial, *, margin: bool = False) -> str | None:
+        """Why a goal lies outside the workspace, or None. With `margin`, as for goals: inside it by
+        so much that a pose measured at the goal is still within it."""
         for axis, value in goal.items():
-            if not self.low[axis] <= value <= self.high[axis]:
-                low, high = axis.to_report(self.low[axis]), axis.to_report(self.high[axis])
+            inset = 0.0 if not margin else 0.01 if axis.is_angle else 0.001
+            low, high = self.low[axis] + inset, self.high[axis] - inset
+            if not low <= value <= high:
+                low, high = axis.to_report(low), axis.to_report(high)
                 return (
                     f"{axis} {axis.to_report(value):.1f} {axis.report_unit} is outside the"
                     f" workspace, {low:.1f} to {high:.1f} {axis.report_unit}"

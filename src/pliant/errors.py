@@ -23,6 +23,10 @@ class RobotFault(PliantError):
         super().__init__(message)
         self.kind = kind
 
+    @property
+    def end_reason(self) -> str:
+        return f"fault:{self.kind}"
+
 
 def unknown(what: str, value: object, valid: Iterable[object], advice: str = "") -> InputError:
     """The error for a name that is not among the valid ones."""

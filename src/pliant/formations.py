@@ -80,6 +80,14 @@ class Goals:
         merged = {**self.formations[step.formation], **step.goal}
         return Goals(formations={**self.formations, step.formation: merged})
 
+    def touch_down_y(self, step: Step) -> float | None:
+        """Where along y a retreat comes down [m]: for Fit as far before its goal as was taught, for
+        the others at the goal. None: the step does not retreat, or comes down where it is."""
+        if not step.retreat or Axis.Y not in step.goal:
+            return None
+        taught = self.target(Formation.APPROACH).y - self.target(Formation.FIT).y
+        return step.goal[Axis.Y] + (taught if step.formation is Formation.FIT else 0.0)
+
     def step(self, formation: Formation, *, retreat: bool = False) -> Step:
         return Step(formation=formation, goal=self.formations[formation], retreat=retreat)
 

@@ -176,6 +176,7 @@ class End(StrEnum):
     EXHAUSTED = "exhausted"  # ten failed verdicts in a row
     CAP = "cap"  # forty executions
     STOPPED = "stopped"  # the reasoner said that it cannot or should not go on
+    REFUSED = "refused"  # nothing of its plan may be done
     FINISHED = "finished"  # an open-loop plan ran out
 
 

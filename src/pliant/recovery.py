@@ -10,7 +10,8 @@ from pliant.formations import RECOVERABLE, Formation, Step, check_axes
 from pliant.pose import Axis
 from pliant.records import Admission, Case, Recovery, Verdict
 
-_UNCHANGED_M = 0.0005
+_UNCHANGED_M = 0.0005  # y
+_SAME_Z_M = 1e-6
 
 
 class Reasoner(Protocol):
@@ -18,8 +19,6 @@ class Reasoner(Protocol):
 
     @property
     def name(self) -> str: ...
-    @property
-    def model(self) -> str | None: ...
 
     def judge(self, case: Case) -> Verdict: ...
 
@@ -59,7 +58,9 @@ def _refusal(
         return str(error)
     if not all(math.isfinite(v) for v in step.goal.values()):
         return "a goal must be a finite number"
-    outside = limits.outside(step.goal)
+    touch_down = case.teaching.goals.touch_down_y(step)
+    on_the_way = {Axis.Y: touch_down} if touch_down is not None else {}
+    outside = limits.outside(step.goal, margin=True) or limits.outside(on_the_way, margin=True)
     if outside is not None:
         return outside
     current = case.goals.formations[step.formation]
@@ -76,10 +77,18 @@ def _refusal(
 
 
 def _deeper_into_resistance(step: Step, case: Case, admitted: list[Step]) -> bool:
-    last = case.outcome
-    if last.step.formation is not Formation.INSERTION or last.stop is not Stop.COMPRESSION:
+    """Deeper than the last insertion that the compression limit stopped, at the same y."""
+    outcomes = [execution.outcome for execution in case.history] + [case.outcome]
+    stopped = [
+        o.target
+        for o in outcomes
+        if o.step.formation is Formation.INSERTION and o.stop is Stop.COMPRESSION
+    ]
+    if not stopped:
         return False
-    y_changed = any(
-        abs(s.goal[Axis.Y] - last.target.y) > _UNCHANGED_M for s in admitted if Axis.Y in s.goal
-    )
-    return step.goal[Axis.Z] < last.target.z - _UNCHANGED_M and not y_changed
+    goals = case.goals
+    for earlier in admitted:
+        goals = goals.updated(earlier)
+    target = goals.updated(step).target(Formation.INSERTION)
+    same_y = abs(target.y - stopped[-1].y) <= _UNCHANGED_M
+    return same_y and target.z < stopped[-1].z - _SAME_Z_M

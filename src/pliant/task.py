@@ -27,7 +27,7 @@ class Peg:
     """A straight peg: a disc of `radius`, or a convex polygon `outline`, times `length` [m].
 
     The outline is in the peg's frame, x away from the robot and y along the insertion plane,
-    counter-clockwise, centred on the peg's axis.
+    counter-clockwise around the peg's axis.
     """
 
     name: str
@@ -114,6 +114,8 @@ class Wrist:
             value = getattr(self, f.name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InputError(f"wrist {f.name} is {value}: it must be above 0")
+        if (self.stiffness_x is None) != (self.stiffness_y is None):
+            raise InputError("wrist: give both stiffness_x and stiffness_y, or neither")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,6 +281,8 @@ def load_task(peg: str, level: str = "L0") -> Task:
         text = path.read_text()
     except OSError as error:
         raise InputError(f"peg file '{peg}' cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"peg file '{peg}' is not text: it must be YAML in UTF-8") from error
     return _parse_peg(text, path.stem, level)
 
 
@@ -315,9 +319,11 @@ def _parse_peg(text: str, name: str, level: str) -> Task:
 
 def _millimetres(data: dict[str, Any], key: str, name: str, default: float | None = None) -> float:
     value = data.pop(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    signed = key in ("clearance_mm", "chamfer_mm")  # judged by Hole
+    if not (number and (-1e4 if signed else 0.0) < value < 1e4):
         raise InputError(
-            f"peg file '{name}': {key} is {value!r}; it must be a number of millimetres"
+            f"peg file '{name}': {key} is {value!r}; it must be a number of millimetres above 0"
         )
     return float(value) * 1e-3
 
@@ -326,8 +332,11 @@ def _is_convex_ccw(outline: tuple[tuple[float, float], ...]) -> bool:
     n = len(outline)
     if n < 3:
         return False
+    turning = 0.0
     for i in range(n):
         (ax, ay), (bx, by), (cx, cy) = outline[i], outline[(i + 1) % n], outline[(i + 2) % n]
-        if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) <= 0:
+        cross = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
+        if cross <= 0:
             return False
-    return True
+        turning += math.atan2(cross, (bx - ax) * (cx - bx) + (by - ay) * (cy - by))
+    return math.isclose(turning, math.tau)  # a star turns more than once

@@ -5,7 +5,7 @@ peg, which is thereby unseen. They are kept as a YAML file with its pictures bes
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -20,7 +20,7 @@ from pliant.envelope import Limits
 from pliant.errors import InputError, unknown
 from pliant.formations import Formation, Goals
 from pliant.pose import Axis, Partial, Pose
-from pliant.task import load_task
+from pliant.task import Task, load_task
 from pliant.vision.measure import measure
 from pliant.vision.scene import Scene
 
@@ -44,6 +44,20 @@ class Teaching:
     goals: Goals
     demonstrations: Mapping[Formation, Demonstration] = field(repr=False)
     scenes: Mapping[Formation, Scene] = field(repr=False)
+
+    def for_task(self, task: Task) -> "Teaching":
+        """The same teaching for a peg of another length: every height moves by the difference."""
+        if not self.demonstrations:
+            return self
+        peg = next(iter(self.demonstrations.values())).peg
+        longer = task.tip_below_hinge - load_task(peg).tip_below_hinge
+        if longer == 0.0:
+            return self
+        shifted = {
+            formation: {a: v + longer if a is Axis.Z else v for a, v in goal.items()}
+            for formation, goal in self.goals.formations.items()
+        }
+        return replace(self, goals=Goals(formations=shifted))
 
 
 @lru_cache(maxsize=4)
@@ -74,14 +88,16 @@ def load(path: Path, limits: Limits | None = None) -> Teaching:
         if not isinstance(entry, dict):
             raise InputError(f"goal file '{path}': {name} must have a goal, a pose and a picture")
         goals[formation] = _partial(entry.get("goal"), path, name)
-        outside = (limits or Limits()).outside(goals[formation])
+        outside = (limits or Limits()).outside(goals[formation], margin=True)
         if outside is not None:
             raise InputError(f"goal file '{path}': {name} {outside}")
         demonstrations[formation] = Demonstration(
             formation=formation,
             pose=Pose().updated(_partial(entry.get("pose"), path, name)),
             peg=peg,
-            view=View(camera=camera, time_s=0.0, image=_picture(path, entry.get("picture"), name)),
+            view=View(
+                camera=camera, time_s=0.0, image=_picture(path, entry.get("picture"), name, camera)
+            ),
         )
     try:
         return taught(Goals(formations=goals), demonstrations)
@@ -160,11 +176,18 @@ def _camera(entry: Any, path: Path) -> Camera:
         ) from error
 
 
-def _picture(path: Path, name: Any, formation: str) -> Any:
+def _picture(path: Path, name: Any, formation: str, camera: Camera) -> Any:
     picture = path.parent / str(name)
-    bgr = cv2.imread(str(picture)) if picture.is_file() else None
-    if bgr is None:
+    if not picture.is_file():
         raise InputError(f"goal file '{path}': the picture '{picture}' of {formation} is missing")
+    bgr = cv2.imread(str(picture))
+    if bgr is None:
+        raise InputError(f"goal file '{path}': the picture '{picture}' of {formation} is broken")
+    if bgr.shape[:2] != (camera.height, camera.width):
+        raise InputError(
+            f"goal file '{path}': the picture '{picture}' of {formation} is {bgr.shape[1]} x"
+            f" {bgr.shape[0]} pixels, its camera's are {camera.width} x {camera.height}"
+        )
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
 
 

@@ -52,6 +52,7 @@ class Run:
     patience: Patience = field(default_factory=Patience)
     end_reason: str = ""
     fault: str = ""
+    clock_s: float = 0.0  # of the robot, after the last execution
     history: list[Execution] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Execution]:
@@ -59,7 +60,7 @@ class Run:
             with Guarded(self.robot, self.limits) as robot:
                 yield from self._executions(robot)
         except RobotFault as fault:
-            self.end_reason, self.fault = f"fault:{fault.kind}", str(fault)
+            self.end_reason, self.fault = fault.end_reason, str(fault)
 
     def _executions(self, robot: Guarded) -> Iterator[Execution]:
         goals = self.teaching.goals
@@ -106,12 +107,13 @@ class Run:
                 admission=admission,
             )
             self.history.append(execution)
+            self.clock_s = robot.clock()
             if done:
                 self.end_reason = End.INSERTED
             elif out_of_patience:
                 self.end_reason = End.EXHAUSTED
             elif recovery is not None and not queue:
-                self.end_reason = End.STOPPED
+                self.end_reason = End.REFUSED if recovery.steps else End.STOPPED
             elif verdict.success and not queue:  # a plan that ended early goes on in order
                 queue.append(goals.step(list(Formation)[step.formation.order + 1]))
             yield execution

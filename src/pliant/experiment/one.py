@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pliant.cell import Truth, Workcell
 from pliant.envelope import Limits
+from pliant.errors import RobotFault
 from pliant.experiment.oracle import NAME, Oracle
 from pliant.reasoners import reasoner
 from pliant.records import Execution, Trial
@@ -39,25 +40,35 @@ def perform(
     limits: Limits | None = None,
     on_execution: Callable[[Execution, Truth], None] | None = None,
 ) -> Trial:
-    """Run a trial to its end. The truth goes into the record, never to the reasoner."""
+    """Run a trial to its end. The truth goes into the record, never to the reasoner. A cell that
+    cannot even be prepared gives a trial without executions."""
     started = time.perf_counter()
     setup = spec.condition.draw(spec.seed)
     mind = _reasoner(spec.reasoner, cell, setup)
-    robot = cell.prepare(spec.task, setup)
-    run = Run(
-        robot=robot,
-        task=spec.task,
-        teaching=teaching,
-        reasoner=mind,
-        skill=Planar(),
-        limits=limits or Limits(),
-        patience=Patience(),
-    )
-    truths = []
-    for execution in run:
-        truths.append(cell.truth())
-        if on_execution is not None:
-            on_execution(execution, truths[-1])
+    teaching = teaching.for_task(spec.task)
+    history: list[Execution] = []
+    truths: list[Truth] = []
+    simulated_s = 0.0
+    try:
+        robot = cell.prepare(spec.task, setup)
+    except RobotFault as fault:
+        end_reason, why = fault.end_reason, str(fault)
+    else:
+        run = Run(
+            robot=robot,
+            task=spec.task,
+            teaching=teaching,
+            reasoner=mind,
+            skill=Planar(taught=teaching.goals),
+            limits=limits or Limits(),
+            patience=Patience(),
+        )
+        for execution in run:
+            truths.append(cell.truth())
+            if on_execution is not None:
+                on_execution(execution, truths[-1])
+        history, simulated_s = run.history, run.clock_s
+        end_reason, why = run.end_reason, run.fault
     return Trial(
         trial_id=spec.trial_id,
         task=spec.task,
@@ -66,10 +77,10 @@ def perform(
         reasoner=spec.reasoner,
         model=getattr(mind, "model", None),
         goals=teaching.goals,
-        executions=tuple(run.history),
-        end_reason=run.end_reason,
-        fault=run.fault,
-        simulated_s=robot.clock(),
+        executions=tuple(history),
+        end_reason=end_reason,
+        fault=why,
+        simulated_s=simulated_s,
         wall_s=time.perf_counter() - started,
         drawn=setup.quantities(),
         truths=tuple(truths),

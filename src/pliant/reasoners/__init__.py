@@ -1,6 +1,7 @@
 """Reasoners by name: the controls, the rules, or a user's own as `my_reasoner.py:Mine`."""
 
 import importlib.util
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -34,10 +35,11 @@ def reasoner(name: str) -> Reasoner:
             REASONERS,
             "in simulation oracle, or your own as path/to/file.py:Class",
         )
-    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    spec = importlib.util.spec_from_file_location(f"pliant_user_{Path(path).stem}", path)
     if spec is None or spec.loader is None or not Path(path).is_file():
         raise InputError(f"reasoner file '{path}' does not exist")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look themselves up there
     try:
         spec.loader.exec_module(module)
         made = getattr(module, attribute)()

@@ -53,6 +53,8 @@ class Rules:
         scene = case.outcome.scene
         if scene.peg is None or scene.hole is None:
             return self._blind(case, "; ".join(scene.problems))
+        if formation in (Formation.APPROACH, Formation.CONTACT):
+            return self._refit(case, f"{formation} did not reach its goal", verdict.reason)
         if formation is Formation.INSERTION:
             return self._after_insertion(case, scene.peg)
         if formation is Formation.ALIGN:
@@ -81,7 +83,9 @@ class Rules:
             fit_y=case.goals.target(Formation.FIT).y - advance,
         )
 
-    def _refit(self, case: Case, what: str) -> Recovery:
+    def _refit(
+        self, case: Case, what: str, why: str = "Fit travelled too far for where this hole is"
+    ) -> Recovery:
         """Lift, go back before the hole, touch down and fit again, with less over-travel each time
         that the peg has popped over the far rim."""
         popped = sum(
@@ -92,7 +96,7 @@ class Rules:
         return self._plan(
             case,
             what,
-            "Fit travelled too far for where this hole is",
+            why,
             "lift, go back before the hole, touch down and fit again relative to the hole seen",
             Formation.FIT,
             fit_y=_hole(case) + taught + _LESS_TRAVEL * popped,
@@ -151,12 +155,8 @@ class Rules:
 
     def _blind(self, case: Case, problem: str) -> Recovery:
         """Nothing can be measured: look again once after a retreat, then stop."""
-        before = case.history[-1] if case.history else None
-        again = (
-            before is not None
-            and before.recovery is not None
-            and "see" in before.recovery.analysis.what
-        )
+        before = case.history[-1].outcome.scene if case.history else None
+        again = before is not None and (before.peg is None or before.hole is None)
         analysis = FailureAnalysis(
             what="the picture does not show what is needed to see the result",
             why=problem,

@@ -23,6 +23,7 @@ from pliant.task import Setup, Task
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
 _CONTROLS_PER_FRAME = 4  # of the trajectory: 25 Hz
+_UNLOADING = 0.00005  # [m] past the limit already, a motion may not press further than this
 _HANG_S, _HANG_DAMPING = 1.0, 30.0  # before a trial: damped, so that it starts at rest
 
 
@@ -66,6 +67,7 @@ class SimCell:
         """Ground truth now. Nothing that the method holds can reach it."""
         robot, task = self._prepared()
         data, model = robot.data, robot.model
+        mujoco.mj_kinematics(model, data)
         tip = data.site(m.TIP_SITE).xpos.copy()
         rotation = data.body(m.PEG).xmat.reshape(3, 3)
         hole = model.body(m.BOARD).pos
@@ -129,10 +131,10 @@ class SimRobot:
         self.cameras = Cameras(self.model)
         self.setup = Setup(seed=0)
         self.frames: list[tuple[float, NDArray[np.float64]]] = []
-        self.physics_s = 0.0
         self._slide = int(self.model.joint("wrist_z").qposadr[0])
         self._site = self.model.site(m.HINGE_SITE).id
         self._free_hang = 0.0
+        self._sag = np.zeros(len(self.arm.qpos))  # [rad] set points less joint angles, at rest
         self._controls = 0
         self._commanded = Pose(z=task.tip_below_hinge + c.HOME_ABOVE_BOARD)
         self._home = self.arm.solve(
@@ -161,6 +163,7 @@ class SimRobot:
         data.time = 0.0
         self.frames = []
         self._controls = 0
+        self._sag = self._home - data.qpos[self.arm.qpos]
         self.tare()
         self._keep_frame()
 
@@ -186,7 +189,7 @@ class SimRobot:
         path = _along(waypoints, fractions)
 
         compression = peak = self.compression()
-        limit = max(stop_at_compression_m, compression + 0.0002)  # already past it: may unload
+        floor = compression
         stop = Stop.REACHED
         samples = _Samples()
         for k in range(ticks):
@@ -194,9 +197,10 @@ class SimRobot:
             self._control()
             compression = self.compression()
             peak = max(peak, compression)
+            floor = min(floor, compression)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
                 self._sample(samples, compression)
-            if compression > limit:
+            if compression > max(stop_at_compression_m, floor + _UNLOADING):
                 stop = Stop.COMPRESSION
                 break
         if stop is Stop.COMPRESSION:
@@ -235,9 +239,10 @@ class SimRobot:
         )
 
     def halt(self) -> None:
-        """Hold where the joints are."""
-        self._commanded = self.pose()
-        self._q = self.data.qpos[self.arm.qpos].copy()
+        """Hold where the joints are: their angles plus the servos' error under the tool's weight,
+        without which the arm would sink a little at every halt."""
+        self._q = self.data.qpos[self.arm.qpos] + self._sag
+        self._commanded = pose_from(*self.arm.pose_of(self._q))
         self.data.ctrl[:] = self._q
 
     # --- measurements ----------------------------------------------------------------------------
@@ -275,6 +280,7 @@ class SimRobot:
         self.frames.append((self.clock(), self.data.qpos.copy()))
 
     def _sample(self, samples: "_Samples", compression: float) -> None:
+        mujoco.mj_kinematics(self.model, self.data)
         samples.time_s.append(self.clock())
         samples.position.append(self.data.site_xpos[self._site].copy())
         samples.rotation.append(self.data.site_xmat[self._site].reshape(3, 3).copy())

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from pliant.belief import Belief
 from pliant.cell import Motion, Robot
-from pliant.formations import Formation, Step
+from pliant.formations import Formation, Goals, Step
 from pliant.pose import Pose
 from pliant.records import Look, Outcome
 
@@ -18,13 +18,13 @@ NAME = "planar"
 
 @dataclass(frozen=True, kw_only=True)
 class Planar:
-    """How the paper's skills move: speed [m/s], limits and lengths [m], waits [s]."""
+    """How the paper's skills move: the taught goals, from which a retreat takes its height and
+    where it comes down; speeds [m/s], limit [m], waits [s]."""
 
+    taught: Goals
     free_speed_m_s: float = 0.05
     contact_speed_m_s: float = 0.02  # slow enough that a dragged tip does not hop
     compression_limit_m: float = 0.020  # from free hang
-    retreat_z: float = 0.215  # height of the hinge point while travelling
-    run_up: float = 0.061  # from touch-down to Fit's goal, as taught
     settle_s: float = 0.6
     approach_settle_s: float = 1.5  # in free hang the wrist swings longer
 
@@ -50,8 +50,9 @@ class Planar:
         if not step.retreat:
             return [(target, free if step.formation is Formation.APPROACH else contact)]
         here = robot.observe(cameras=()).pose
-        height = max(self.retreat_z, here.z, target.z)
-        start = target.y + (self.run_up if step.formation is Formation.FIT else 0.0)
+        height = max(self.taught.target(Formation.APPROACH).z, here.z, target.z)
+        touch_down = self.taught.touch_down_y(step)
+        start = target.y if touch_down is None else touch_down
         lifted = replace(here, z=height)
         above = replace(target, y=start, z=height)
         down = replace(target, y=start)

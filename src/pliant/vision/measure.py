@@ -38,7 +38,7 @@ _EDGE_MARGIN = 6.0  # [px] kept clear of corners when lines are fitted
 _LEAST_EDGE = 15  # points a long edge needs
 _HIDDEN = 0.8  # [px] further in than the edge: hidden by something
 _PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
-_TILT_SD = math.radians(0.12)  # [rad] of a fully visible 90 mm peg
+_TILT_SD = math.radians(0.17)  # [rad] of a fully visible 90 mm peg
 
 
 def measure(view: View, task: Task, colours: Colours = SIMULATED) -> Scene:
@@ -127,7 +127,7 @@ def _peg(
     if contour is None:
         problems.append("no peg: no cyan region in the picture")
         return None
-    if np.min(contour) < 1 or np.max(contour[:, 0]) > camera.width - 1:
+    if np.min(contour) < 1 or np.any(contour.max(axis=0) > (camera.width - 1, camera.height - 1)):
         problems.append("no peg: it is cut off by the picture's border")
         return None
     box, center, tilt_deg = _box(contour)
