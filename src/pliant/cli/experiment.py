@@ -27,7 +27,7 @@ def experiment(
     out: Path = Path("runs/experiment"),
     workers: int | None = None,
     ray: str | None = None,
-    save: Save = Save.NONE,
+    save: Annotated[Save, tyro.conf.EnumChoicesFromValues] = Save.NONE,
     time_limit_s: float = runner.TIME_LIMIT_S,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
 ) -> int:
