@@ -1,7 +1,7 @@
 # Needs only python3 with venv, make and git. Everything it makes stays in this folder, except the
 # system package for drawing pictures, which tools/ensure_opengl.sh installs where root runs it.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-system bench clean
+.PHONY: help setup run test test-system bench bench-peers clean
 UV_VERSION := 0.13.9
 SEED ?= 1
 BIN := .venv/bin
@@ -27,11 +27,12 @@ test: setup  ## Style, types, layers, the wheel and the tests
 	$(BIN)/lint-imports --no-logo --cache-dir .cache/import-linter
 	tools/smoke_wheel.sh
 	$(BIN)/pytest -n auto
-test-system: setup  ## Tests that need a server or a browser
-	@if grep -rqs 'mark\.system' tests; then $(BIN)/pytest -m system; \
-	else echo 'No test needs a server or a browser yet.'; fi
+test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a browser
+	.cache/venv-system/bin/pytest -m system
 bench: setup  ## Measure speed
 	$(BIN)/python benchmarks/speed.py
+bench-peers: setup  ## Measure speed beside robosuite's, which gets an environment of its own
+	$(BIN)/python benchmarks/against_robosuite.py
 clean:  ## Remove what make made, but not the results in runs/
 	rm -rf .venv .tools .cache .hypothesis dist
 .tools/uv-$(UV_VERSION):
@@ -40,4 +41,7 @@ clean:  ## Remove what make made, but not the results in runs/
 	touch $@
 .venv/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
 	.tools/bin/uv sync --frozen --quiet
+	touch $@
+.cache/venv-system/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
+	UV_PROJECT_ENVIRONMENT=.cache/venv-system .tools/bin/uv sync --frozen --quiet --extra ray
 	touch $@

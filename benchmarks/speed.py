@@ -16,22 +16,21 @@ from typing import Any
 
 os.environ.setdefault("LP_NUM_THREADS", "0")  # software OpenGL: one core, as in an experiment
 
-from pliant.sim.gl import choose_backend
+import pliant.sim  # noqa: F401, chooses the OpenGL back end
 
-choose_backend()
+# isort: split
+import mujoco
 
-import mujoco  # noqa: E402
-
-from pliant.belief import Belief  # noqa: E402
-from pliant.experiment.one import Spec, perform  # noqa: E402
-from pliant.formations import Formation  # noqa: E402
-from pliant.records import Look  # noqa: E402
-from pliant.sim import render  # noqa: E402
-from pliant.sim.cell import SimCell, SimRobot  # noqa: E402
-from pliant.skills.planar import Planar  # noqa: E402
-from pliant.task import condition, load_task  # noqa: E402
-from pliant.teaching import shipped  # noqa: E402
-from pliant.vision.scene import Scene  # noqa: E402
+from pliant.belief import Belief
+from pliant.experiment.one import Spec, perform
+from pliant.formations import Formation
+from pliant.records import Look
+from pliant.sim import render
+from pliant.sim.cell import SimCell, SimRobot
+from pliant.skills.planar import Planar
+from pliant.task import condition, load_task
+from pliant.teaching import shipped
+from pliant.vision.scene import Scene
 
 
 @dataclass(kw_only=True)
@@ -78,6 +77,13 @@ def skills_only(robot: SimRobot) -> None:
         )
 
 
+def bare_rate(robot: SimRobot, step: Callable[..., None] = mujoco.mj_step) -> float:
+    """Steps/s of the robot's model with nothing around them."""
+    began = time.perf_counter()
+    step(robot.model, robot.data, 10_000)
+    return 10_000 / (time.perf_counter() - began)
+
+
 def main(trials: int) -> None:
     task, drawn, cell = load_task("circle"), condition("all"), SimCell()
     physics, rendering = Clock(), Clock()
@@ -110,12 +116,7 @@ def main(trials: int) -> None:
         return perform(spec, cell, shipped()).simulated_s
 
     robot = cell.prepare(task, drawn.draw(0))
-    rates = []
-    for _ in range(5):
-        began = time.perf_counter()
-        bare(robot.model, robot.data, 10_000)
-        rates.append(10_000 / (time.perf_counter() - began))
-    rate = statistics.median(rates)
+    rate = statistics.median(bare_rate(robot, bare) for _ in range(5))
     step = robot.model.opt.timestep
     print(f"bare mj_step: {rate:,.0f} steps/s, {rate * step:.0f} x real time")
     for name, body in (("five skills, no pictures", without_pictures), ("whole trial", whole)):
