@@ -13,21 +13,17 @@ import math
 import sys
 from pathlib import Path
 
-from pliant.sim.gl import choose_backend
-
-choose_backend()
-
-from pliant.belief import Belief  # noqa: E402
-from pliant.cell import Robot  # noqa: E402
-from pliant.envelope import Guarded, Limits  # noqa: E402
-from pliant.formations import Formation, Goals  # noqa: E402
-from pliant.pose import Axis, Pose  # noqa: E402
-from pliant.records import Look  # noqa: E402
-from pliant.sim.cell import SimCell  # noqa: E402
-from pliant.skills.planar import Planar  # noqa: E402
-from pliant.task import Setup, load_task  # noqa: E402
-from pliant.teaching import Demonstration, save, taught  # noqa: E402
-from pliant.vision.scene import Scene  # noqa: E402
+from pliant.belief import Belief
+from pliant.cell import Robot
+from pliant.envelope import Guarded, Limits
+from pliant.formations import Formation, Goals
+from pliant.pose import Axis, Pose
+from pliant.records import Look
+from pliant.sim.cell import SimCell
+from pliant.skills.planar import Planar
+from pliant.task import Setup, load_task
+from pliant.teaching import Demonstration, save, taught
+from pliant.vision.scene import Scene
 
 TOUCH_DOWN_Y = 0.026  # the leaning peg's edge then stands clear of the hole
 LEAN = math.radians(10)  # of the flange; the peg hangs at about half of it

@@ -4,9 +4,7 @@ import os
 
 from hypothesis import settings
 
-from pliant.sim.gl import choose_backend
-
-choose_backend()  # before a test module imports MuJoCo
+import pliant.sim  # noqa: F401, chooses the OpenGL back end before a test imports MuJoCo
 
 settings.register_profile("local", deadline=None)  # a first picture takes a second
 settings.register_profile("ci", deadline=None, derandomize=True)

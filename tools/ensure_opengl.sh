@@ -6,9 +6,7 @@ cd "$(dirname "$0")/.."
 
 draws() {
   .venv/bin/python - <<'PYTHON'
-from pliant.sim.gl import choose_backend
-
-choose_backend()
+import pliant.sim  # chooses the back end
 import mujoco
 
 model = mujoco.MjModel.from_xml_string(

@@ -1,0 +1,1 @@
+"""Robust and resilient object insertion with a soft robotic wrist."""

@@ -11,7 +11,6 @@ from pliant.experiment import plan, runner, tables
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
 from pliant.experiment.work import Save
-from pliant.sim.gl import choose_backend
 
 
 def experiment(
@@ -64,7 +63,6 @@ def experiment(
     else:
         default = {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules"]}
         planned = plan.from_fields(default, overrides)
-    choose_backend()
     console = Console()
     ended = runner.run(
         planned,

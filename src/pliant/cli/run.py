@@ -20,7 +20,6 @@ from pliant.experiment.plan import Experiment
 from pliant.experiment.rows import rows_of
 from pliant.pose import describe
 from pliant.records import Execution, Trial
-from pliant.sim.gl import choose_backend
 
 if TYPE_CHECKING:
     from pliant.sim.cell import SimCell
@@ -69,7 +68,6 @@ def run(
     experiment = plan.from_fields(fields)
     spec = next(experiment.specs())
     teaching = experiment.teaching()
-    choose_backend()
     from pliant.report import trial as report
     from pliant.sim.cell import SimCell
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from pliant import store, teaching
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.rows import Rows, rows_of
-from pliant.sim.gl import choose_backend
 from pliant.task import Task
 from pliant.teaching import Teaching
 
@@ -62,7 +61,6 @@ def perform_job(job: Job) -> Rows:
 @lru_cache(maxsize=_KEPT_CELLS)
 def _cell(task: Task) -> "SimCell":
     os.environ.setdefault("LP_NUM_THREADS", "0")  # software OpenGL: one core a worker
-    choose_backend()  # before MuJoCo is first imported
     from pliant.sim.cell import SimCell
 
     return SimCell()

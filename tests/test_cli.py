@@ -1,0 +1,130 @@
+"""The command line: what it prints, what it writes, how it refuses, its exit status."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from pliant.experiment.columns import TRIALS
+
+PLIANT = Path(sys.executable).parent / "pliant"
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def pliant(*words: str | Path) -> "subprocess.CompletedProcess[str]":
+    command = [str(PLIANT), *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_a_run_tells_its_story_and_leaves_a_whole_result_folder(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    done = pliant("run", "--seed", "1", "--no-video", "--out", out)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    for word in ("approach", "contact", "fit", "align", "insertion", "what", "why", "how"):
+        assert any(word in line.split() for line in lines), word
+    assert any(line.startswith("inserted (ground truth") for line in lines)
+    for name in ("run.json", "journal.jsonl", "trials.parquet", "executions.parquet"):
+        assert (out / name).is_file()
+    (trial,) = (out / "trials").iterdir()
+    assert (trial / "index.html").is_file()
+    assert (trial / "strip.png").is_file()
+    assert not (trial / "video.mp4").exists()
+    again = pliant("run", "--seed", "1", "--no-video", "--out", out)
+    assert again.returncode == 0
+    assert len((out / "journal.jsonl").read_text().splitlines()) == 1
+
+
+def test_json_is_one_line_with_the_columns_of_the_trials_table(tmp_path: Path) -> None:
+    done = pliant("run", "--condition", "none", "--json", "--no-video", "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    (line,) = done.stdout.splitlines()
+    assert set(json.loads(line)) == {column.name for column in TRIALS}
+
+
+def test_a_peg_that_is_not_inserted_exits_with_one(tmp_path: Path) -> None:
+    done = pliant("run", "--seed", "1", "--reasoner", "none", "--no-video", "--out", tmp_path / "r")
+    assert done.returncode == 1, done.stderr
+    assert "not inserted" in done.stdout
+
+
+def test_ranges_given_at_the_command_line_are_drawn_from(tmp_path: Path) -> None:
+    words = ("--condition", "none", "--hole-y-mm", "5", "6", "--json", "--no-video")
+    done = pliant("run", *words, "--out", tmp_path / "run")
+    row = json.loads(done.stdout)
+    assert 0.005 <= row["drawn_hole_y"] <= 0.006
+    assert row["drawn_friction"] == 1.0
+
+
+def test_a_peg_and_a_reasoner_of_ones_own_run(tmp_path: Path) -> None:
+    peg = ("--peg", EXAMPLES / "04_your_own_peg.yaml")
+    mind = ("--reasoner", f"{EXAMPLES / '03_your_own_reasoner.py'}:Bold")
+    done = pliant("run", *peg, *mind, "--condition", "none", "--no-video", "--out", tmp_path / "r")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--peg", "hexagon"), "valid are circle, rectangle, square"),
+        (("--condition", "wind"), "valid are none, friction, pose, all"),
+        (("--reasoner", "gpt"), "valid are rules, messages, sweep, retry, none"),
+        (("--level", "L99"), "valid are L0"),
+        (("--seed", "-1"), "-1"),
+        (("--goals", "missing.yaml"), "cannot be read"),
+        (("--hole-y-mm", "5", "-5"), "must lie in order"),
+        (("--grasp-roll-deg", "-90", "5"), "within -15 deg to 15 deg"),
+        (("--reasoner", "missing.py:Mine"), "does not exist"),
+        (("--live",), "needs a screen"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_status_two(
+    words: tuple[str, ...], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    out = tmp_path / "run"
+    done = pliant("run", *words, "--out", out)
+    assert done.returncode == 2, done.stdout
+    assert says in done.stderr
+    assert done.stderr.startswith("pliant: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_an_output_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("important")
+    done = pliant("run", "--no-video", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "holds something else" in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_no_opengl_is_one_line_that_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "glfw")  # without a screen it cannot draw
+    monkeypatch.delenv("DISPLAY", raising=False)
+    done = pliant("run", "--no-video", "--out", tmp_path / "run")
+    assert done.returncode == 2, done.stderr
+    assert "apt-get install libosmesa6" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_experiment_ends_with_its_tables_and_resumes(tmp_path: Path) -> None:
+    cell = ("--pegs", "circle", "--conditions", "all", "--reasoners", "none")
+    words = ("experiment", *cell, "--trials", "2", "--workers", "1", "--out", tmp_path / "run")
+    first = pliant(*words)
+    assert first.returncode == 0, first.stderr
+    assert "Table II" in first.stdout
+    assert pq.read_table(tmp_path / "run" / "trials.parquet").num_rows == 2
+    again = pliant(*words)
+    assert again.returncode == 0, again.stderr
+    tables = pliant("tables", tmp_path / "run")
+    assert "Table II" in tables.stdout
+    assert set(json.loads(pliant("tables", tmp_path / "run", "--json").stdout)) > {"cells"}
+    assert pliant("tables", tmp_path).returncode == 2

@@ -1,0 +1,56 @@
+"""Paste the stored results into the documents that show them.
+
+    python tools/paste_results.py            # after reproduce/*.sh and copying tables.json here
+    python tools/paste_results.py --check    # exit 1 where a document differs
+
+The results lie in reproduce/results/: `tables.json` of a run, or a Markdown table. A document names
+one between `<!-- NAME -->` and `<!-- /NAME -->`; nobody types such a figure.
+"""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+from pliant.experiment import paper, tables_text
+
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "reproduce" / "results"
+DOCUMENTS = ("README.md", "docs/assumptions.md")
+
+
+def block(name: str) -> str:
+    """The Markdown that belongs between a name's marks."""
+    if name == "fit-sensitivity":
+        return (RESULTS / "fit_sensitivity.md").read_text().strip()
+    run, _, table = name.partition("-")
+    document = json.loads((RESULTS / f"{run}.json").read_text())
+    if table == "transitions":
+        return tables_text.table3(document["transitions"], paper.REASONER)
+    if table == "pairs":
+        return tables_text.pairs(document["pairs"])
+    return tables_text.table2(document["cells"])
+
+
+def pasted(text: str) -> str:
+    """A document with every block replaced by today's results."""
+    mark = re.compile(r"<!-- ([a-z0-9-]+) -->\n.*?<!-- /\1 -->", re.DOTALL)
+    return mark.sub(lambda m: f"<!-- {m[1]} -->\n{block(m[1])}\n<!-- /{m[1]} -->", text)
+
+
+def main() -> int:
+    changed = []
+    for name in DOCUMENTS:
+        path = ROOT / name
+        before = path.read_text()
+        after = pasted(before)
+        if after != before:
+            changed.append(name)
+            if "--check" not in sys.argv:
+                path.write_text(after)
+    print("\n".join(changed) or "nothing to paste")
+    return int("--check" in sys.argv and bool(changed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
