@@ -23,7 +23,6 @@ _LESS_TRAVEL = 0.003  # [m] less over-travel each time the peg popped over the f
 _ALIGN_MOST = 0.015  # [m] of one correction of Align
 _DEEPER = 0.004  # [m] of one more push
 _DEEPEST = 0.012  # [m] below the taught Insertion goal, at most
-_BLIND_STEP = 0.009  # [m] when only Table I's words are to be had
 _SEATED = 0.0003  # [m] a corner this far below the surface is in the hole
 
 
