@@ -80,7 +80,9 @@ def drive(folder: str) -> None:
 
 
 def driver(folder: Path) -> "subprocess.Popen[bytes]":
-    code = f"from test_experiment_runner import drive; drive({str(folder)!r})"
+    # A process started in the background may have been told to ignore Ctrl-C.
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heed}; from test_experiment_runner import drive; drive({str(folder)!r})"
     return subprocess.Popen(
         [sys.executable, "-c", code],
         env={**os.environ, "PYTHONPATH": f"{HERE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},

@@ -1,6 +1,7 @@
 """Pictures of the simulated cell, from calibrated cameras."""
 
 import math
+import weakref
 from itertools import pairwise
 
 import mujoco
@@ -55,7 +56,7 @@ class Cameras:
 
     def close(self) -> None:
         if self._renderer is not None:
-            self._renderer.close()
+            self._closing()
             self._renderer = None
 
     def _ready(self) -> mujoco.Renderer:
@@ -68,6 +69,8 @@ class Cameras:
                     f"OpenGL cannot draw ({error}): run '{INSTALL}' as root and set"
                     " MUJOCO_GL=osmesa"
                 ) from error
+            # Also when the program ends, before OpenGL is gone.
+            self._closing = weakref.finalize(self, self._renderer.close)
         return self._renderer
 
 
