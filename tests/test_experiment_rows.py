@@ -101,7 +101,16 @@ def test_executions_beyond_the_first_are_extra() -> None:
 
 
 def test_an_execution_keeps_its_plan_and_what_it_cost() -> None:
-    exchange = Exchange(request="?", reply="!", model="m", tokens=7, latency_s=0.5, cost_usd=0.01)
+    exchange = Exchange(
+        stage="judge",
+        request="?",
+        reply="!",
+        model="m",
+        input_tokens=5,
+        output_tokens=2,
+        latency_s=0.5,
+        cost_usd=0.01,
+    )
     steps = (goal_step(Formation.FIT, -0.002, retreat=True), goal_step(Formation.ALIGN))
     planned = replace(
         FIT,

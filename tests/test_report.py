@@ -41,7 +41,7 @@ def trial(ran: tuple[Trial, Trajectory]) -> Trial:
 
 
 def failed(execution: Execution) -> Execution:
-    exchange = Exchange(request="judge", reply=MARKUP, model="m")
+    exchange = Exchange(stage="judge", request="judge", reply=MARKUP, model="m")
     step = Step(formation=Formation.FIT, goal={Axis.Y: -0.04}, retreat=True)
     beyond = Step(formation=Formation.ALIGN, goal={Axis.Y: 0.5})
     analysis = FailureAnalysis(what=MARKUP, why="too short", how="further", motion=step.goal)

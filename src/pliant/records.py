@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from pliant.belief import Belief
-from pliant.cell import Motion, Observation, Stop, Truth
+from pliant.cell import Image, Motion, Observation, Stop, Truth
 from pliant.formations import Formation, Goals, Step
 from pliant.pose import Partial, Pose
 from pliant.task import Task
@@ -85,21 +85,37 @@ class Evidence:
         return {c.name: c.vote for c in self.checks}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Exchange:
-    """One request to a model and its reply, as text; kept for the record."""
+    """One request to a model and its reply, as text and with the pictures that were sent.
 
+    `stage` is judge, analyse or plan; `refused` says why the reply could not be used, or why there
+    was none, and is empty when it was used. `cost_usd` None: the price is not known.
+    """
+
+    stage: str
     request: str
     reply: str
     model: str
-    tokens: int = 0
+    pictures: tuple[Image, ...] = field(default=(), repr=False)
+    input_tokens: int = 0
+    cached_tokens: int = 0  # of the input
+    output_tokens: int = 0
     latency_s: float = 0.0
     cost_usd: float | None = None
+    refused: str = ""
+
+    @property
+    def tokens(self) -> int:
+        return self.input_tokens + self.output_tokens
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """The judgement of one execution: each source's vote, and what conflicted."""
+    """The judgement of one execution: each source's vote, and what conflicted.
+
+    `fallback` says why the rules answered in a model's place; empty: the answer is `by`'s own.
+    """
 
     success: bool
     reason: str
@@ -107,6 +123,7 @@ class Verdict:
     conflict: str | None
     by: str
     exchanges: tuple[Exchange, ...] = ()
+    fallback: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,12 +139,18 @@ class FailureAnalysis:
 @dataclass(frozen=True, kw_only=True)
 class Recovery:
     """An analysis and the steps that follow from it; no steps: stop. A reasoner that gives no
-    Recovery at all keeps to the plan it has."""
+    Recovery at all keeps to the plan it has.
+
+    `fallback` as in Verdict. `clamped` holds the steps a model proposed where `steps` are these
+    cut down to what may be done; None: nothing was cut.
+    """
 
     analysis: FailureAnalysis
     steps: tuple[Step, ...]
     by: str
     exchanges: tuple[Exchange, ...] = ()
+    fallback: str = ""
+    clamped: tuple[Step, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -217,13 +217,15 @@ def _exchanges(exchanges: tuple[Exchange, ...]) -> Html:
 def _exchange(number: int, exchange: Exchange) -> Html:
     cost = "" if exchange.cost_usd is None else f", {exchange.cost_usd:.4f} USD"
     used = f"{exchange.model}, {exchange.tokens} tokens, {exchange.latency_s:.1f} s{cost}"
+    refused = tag("p", f"Not used: {exchange.refused}") if exchange.refused else Html("")
     return tag(
         "details",
-        tag("summary", f"Exchange {number} with {used}"),
+        tag("summary", f"Exchange {number}, {exchange.stage}, with {used}"),
         tag("h5", "Request"),
         tag("pre", exchange.request),
         tag("h5", "Reply"),
         tag("pre", exchange.reply),
+        refused,
     )
 
 
