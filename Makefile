@@ -1,5 +1,5 @@
-# Needs only python3 with venv, make and git. Everything it makes stays in this folder, except the
-# system package for drawing pictures, which tools/ensure_opengl.sh installs where root runs it.
+# Needs only python3 with venv, make and git. Everything it makes stays in this folder, except system
+# packages, for drawing pictures and for the browser tests, which tools/ensure_*.sh install for root.
 .DEFAULT_GOAL := help
 .PHONY: help setup run test test-system bench bench-peers clean
 UV_VERSION := 0.13.9
@@ -28,6 +28,7 @@ test: setup  ## Style, types, layers, the wheel and the tests
 	tools/smoke_wheel.sh
 	$(BIN)/pytest -n auto
 test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a browser
+	@tools/ensure_chromium.sh
 	.cache/venv-system/bin/pytest -m system
 bench: setup  ## Measure speed
 	$(BIN)/python benchmarks/speed.py
