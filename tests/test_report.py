@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -85,7 +86,7 @@ class Page(HTMLParser):
 def test_the_page_shows_what_models_wrote_as_text(folder: Path) -> None:
     page = Page(folder / "index.html")
     assert page.words.count(MARKUP) == 4  # the model's name, the reason, the reply, the analysis
-    assert len(page.all("script")) == 1
+    assert len(page.all("script")) == 3  # the page's own, its data and the library
     assert page.all("b") == []
 
 
@@ -104,7 +105,7 @@ def test_the_page_tells_plan_refusal_and_truth_apart(folder: Path, trial: Trial)
 
 def test_the_page_needs_no_network_and_every_picture_is_there_and_described(folder: Path) -> None:
     page = Page(folder / "index.html")
-    assert not re.search(r"(src|href)=\"(\w+:|//)", (folder / "index.html").read_text())
+    assert not re.search(r"(src|href)=\"((?!data:,)\w+:|//)", (folder / "index.html").read_text())
     for picture in page.all("img"):
         assert picture["alt"]
         assert (folder / str(picture["src"])).is_file()
@@ -169,8 +170,10 @@ def test_the_storyboard_shows_every_moment_and_halts_at_each_verdict(
     samples = [shot.sample for shot in shots]
     assert samples == sorted(samples)
     assert set(samples) == set(range(len(ran[1].time_s)))
-    begins = video.starts(shots, len(trial.executions))
-    assert begins == sorted(set(begins))
+    spans = video.spans(shots)
+    assert len(spans) == len(trial.executions)
+    assert all(span.begins < span.judged < span.ends for span in spans)
+    assert all(one.ends == pytest.approx(next_.begins) for one, next_ in pairwise(spans))
     assert all(shot.execution is not None for shot in shots if shot.judged)
 
 
@@ -189,4 +192,4 @@ def test_the_video_decodes_with_every_frame(
         frames = sum(1 for _ in container.decode(stream))
     assert frames == len(video.storyboard(brief, short))
     assert "video.mp4" in (tmp_path / "index.html").read_text()
-    assert not list(tmp_path.glob(".*"))
+    assert not list(tmp_path.glob("**/.*"))

@@ -1,14 +1,19 @@
 """One execution as a card of the page: where it was sent and came to, what was seen, how it was
 judged, what was planned next, and apart from it all, the truth."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pliant.cell import Stop, Truth
 from pliant.formations import OWNED
 from pliant.pose import Axis
-from pliant.records import Check, Evidence, Exchange, Execution, Verdict
+from pliant.records import Check, Evidence, Execution, Verdict
 from pliant.report import words
 from pliant.report.html import Html, join, tag
+from pliant.report.parts import badge, facts, notice, outcome, section, table, truth_box
+from pliant.report.plan import recovery
+from pliant.report.transcript import transcript
+from pliant.store import Pictures
 
 _AXES = (Axis.Y, Axis.Z, Axis.ROLL, Axis.X, Axis.PITCH, Axis.YAW)  # in the plane first
 _CHECKS = {"table_i": "Table I", "goal_picture": "goal picture"}
@@ -17,15 +22,23 @@ _VOTES = {True: ("yes", "✓ yes"), False: ("no", "✗ no"), None: ("none", "–
 
 @dataclass(frozen=True, kw_only=True)
 class Media:
-    """An execution's files, relative to the page, and its place in the video [s]."""
+    """An execution's files, relative to the page, and whether there is a video of it."""
 
     snapshot: str
     overlay: str
     goal: str | None
-    start_s: float | None
+    filmed: bool
 
 
-def card(execution: Execution, truth: Truth | None, media: Media) -> Html:
+def card(
+    executions: Sequence[Execution],
+    index: int,
+    truth: Truth | None,
+    media: Media,
+    pictures: Pictures,
+) -> Html:
+    """The card of execution `index`, of a trial whose pictures lie in `pictures`."""
+    execution = executions[index]
     name, number = str(execution.formation).capitalize(), execution.index + 1
     return tag(
         "article",
@@ -33,15 +46,15 @@ def card(execution: Execution, truth: Truth | None, media: Media) -> Html:
             "header",
             tag("h3", f"{number} · {name}", id=f"title-{number}"),
             badge(outcome(execution.verdict.success), execution.verdict.success),
-            _video_button(number, media.start_s),
+            _video_button(execution.index) if media.filmed else Html(""),
         ),
         _pictures(execution, media),
         tag(
             "div",
             section("Goal and terminal pose", _poses(execution), _motions(execution)),
             section("Checks", _checks(execution.evidence)),
-            section("Verdict", _verdict(execution.verdict)),
-            _recovery(execution),
+            section("Verdict", _verdict(execution.verdict, pictures)),
+            recovery(executions, index, pictures),
             class_="parts",
         ),
         _truth(truth),
@@ -51,48 +64,13 @@ def card(execution: Execution, truth: Truth | None, media: Media) -> Html:
     )
 
 
-def badge(name: str, success: bool) -> Html:
-    """A word with a tick or a cross, on the verdict's colour."""
-    return tag("span", f"{'✓' if success else '✗'} {name}", class_=f"badge {outcome(success)}")
-
-
-def outcome(success: bool) -> str:
-    return "success" if success else "failure"
-
-
-def section(title: str, *content: Html) -> Html:
-    return tag("section", tag("h4", title), *content)
-
-
-def facts(pairs: list[tuple[str, str]]) -> Html:
-    """Names and values."""
-    rows = (tag("div", tag("dt", name), tag("dd", value)) for name, value in pairs)
-    return tag("dl", *rows, class_="facts")
-
-
-def table(head: list[str], rows: list[Html], caption: str) -> Html:
-    columns = (tag("th", name, scope="col") for name in head)
-    return tag(
-        "div",
-        tag(
-            "table",
-            tag("caption", caption),
-            tag("thead", tag("tr", *columns)),
-            tag("tbody", *rows),
-        ),
-        class_="scroll",
-    )
-
-
-def _video_button(number: int, start_s: float | None) -> Html:
-    if start_s is None:
-        return Html("")
+def _video_button(index: int) -> Html:
     return tag(
         "button",
         "▶ in the video",
         type="button",
-        data_start=f"{start_s:.2f}",
-        aria_label=f"Show execution {number} in the video",
+        data_execution=str(index),
+        aria_label=f"Show execution {index + 1} in the video",
     )
 
 
@@ -116,9 +94,12 @@ def _figure(source: str, alt: str, caption: str) -> Html:
 
 def _poses(execution: Execution) -> Html:
     target, reached = execution.outcome.target, execution.outcome.pose
+    motions = execution.outcome.motions
+    commanded = motions[-1].commanded if motions else target
     error = target.error(reached, _AXES)
     rows = [
         ("goal", {a: words.number(a.to_report(target[a])) for a in _AXES}),
+        ("commanded", {a: words.number(a.to_report(commanded[a])) for a in _AXES}),
         ("reached", {a: words.number(a.to_report(reached[a])) for a in _AXES}),
         ("difference", {a: words.number(a.to_report(error[a]), sign=True) for a in _AXES}),
     ]
@@ -132,7 +113,11 @@ def _poses(execution: Execution) -> Html:
         for name, cells in rows
     ]
     head = ["", *(f"{a} [{a.report_unit.replace('deg', '°')}]" for a in _AXES)]
-    return table(head, body, f"Shaded: the axes that {execution.formation} owns.")
+    caption = (
+        f"Shaded: the axes that {execution.formation} owns. Commanded: the last motion's end, after"
+        " the envelope."
+    )
+    return table(head, body, caption)
 
 
 def _motions(execution: Execution) -> Html:
@@ -167,66 +152,22 @@ def _check(check: Check) -> Html:
     )
 
 
-def _verdict(verdict: Verdict) -> Html:
+def _verdict(verdict: Verdict, pictures: Pictures) -> Html:
+    fallback = Html("")
+    if verdict.fallback:
+        fallback = notice(f"Fallback: the rules judged in the model's place. {verdict.fallback}")
     pairs = [
         ("verdict", outcome(verdict.success)),
         ("reason", verdict.reason),
+        ("votes", ", ".join(_vote(*vote) for vote in verdict.votes.items()) or "none"),
         ("conflict", verdict.conflict or "none"),
         ("by", verdict.by),
     ]
-    return join(facts(pairs), _exchanges(verdict.exchanges))
+    return join(fallback, facts(pairs), transcript(verdict.exchanges, pictures))
 
 
-def _recovery(execution: Execution) -> Html:
-    recovery, admission = execution.recovery, execution.admission
-    if recovery is None:
-        if execution.verdict.success:
-            return Html("")
-        return section("Recovery", tag("p", "None was planned."))
-    analysis = recovery.analysis
-    pairs = [
-        ("what happened", analysis.what),
-        ("why", analysis.why),
-        ("how to recover", analysis.how),
-        ("motion", words.goal(analysis.motion) or "none"),
-        ("by", recovery.by),
-    ]
-    admitted = admission.steps if admission is not None else ()
-    rows = [
-        tag(
-            "tr",
-            tag("td", words.step(planned)),
-            tag("td", words.step(admitted[n]) if n < len(admitted) else "refused"),
-        )
-        for n, planned in enumerate(recovery.steps)
-    ]
-    plan = (
-        table(["planned", "admitted"], rows, "The plan, and what of it may be done.")
-        if rows
-        else tag("p", "No steps: stop.")
-    )
-    refusals = [tag("li", reason) for reason in (admission.refusals if admission else ())]
-    refused = join(tag("p", "Refused:"), tag("ul", *refusals)) if refusals else Html("")
-    return section("Recovery", facts(pairs), plan, refused, _exchanges(recovery.exchanges))
-
-
-def _exchanges(exchanges: tuple[Exchange, ...]) -> Html:
-    return join(*(_exchange(n, e) for n, e in enumerate(exchanges, start=1)))
-
-
-def _exchange(number: int, exchange: Exchange) -> Html:
-    cost = "" if exchange.cost_usd is None else f", {exchange.cost_usd:.4f} USD"
-    used = f"{exchange.model}, {exchange.tokens} tokens, {exchange.latency_s:.1f} s{cost}"
-    refused = tag("p", f"Not used: {exchange.refused}") if exchange.refused else Html("")
-    return tag(
-        "details",
-        tag("summary", f"Exchange {number}, {exchange.stage}, with {used}"),
-        tag("h5", "Request"),
-        tag("pre", exchange.request),
-        tag("h5", "Reply"),
-        tag("pre", exchange.reply),
-        refused,
-    )
+def _vote(source: str, vote: bool | None) -> str:
+    return f"{_CHECKS.get(source, source)} {_VOTES[vote][1]}"
 
 
 # --- truth -------------------------------------------------------------------------------------
@@ -234,9 +175,3 @@ def _exchange(number: int, exchange: Exchange) -> Html:
 
 def _truth(truth: Truth | None) -> Html:
     return truth_box(words.truth(truth)) if truth is not None else Html("")
-
-
-def truth_box(pairs: list[tuple[str, str]]) -> Html:
-    """Facts that only the experiment knows, set apart."""
-    title = tag("h4", "Ground truth, not seen by the method")
-    return tag("aside", title, facts(pairs), class_="truth")

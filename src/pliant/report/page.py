@@ -1,44 +1,53 @@
 """A trial as one static page: it needs no network and opens from a folder."""
 
 from collections.abc import Sequence
-from importlib.resources import files
 
-from pliant.records import Trial
-from pliant.report import words
-from pliant.report.card import Media, badge, card, facts, outcome, truth_box
+from pliant.records import Recovery, Trial, Verdict
+from pliant.report import timeline, words
+from pliant.report.card import Media, card
+from pliant.report.document import document
 from pliant.report.html import Html, join, tag
+from pliant.report.parts import badge, chapter, facts, outcome, truth_box
+from pliant.report.video import Span
+from pliant.store import Pictures
 
 
-def render(trial: Trial, media: Sequence[Media], *, video: str | None) -> str:
-    """The page's text. `media` holds each execution's files, `video` the video's, relative to
-    where the page will be."""
+def render(
+    trial: Trial,
+    media: Sequence[Media],
+    pictures: Pictures,
+    *,
+    video: str | None = None,
+    spans: Sequence[Span] | None = None,
+    library: str,
+    home: str | None = None,
+    stamp: str = "",
+) -> str:
+    """The page's text. `media` holds each execution's files; `video` is the video's, in which each
+    execution has its span; `library` and `home` are the ways to the library's folder and to the
+    experiment's page. All are relative to where the page will be."""
     title = (
         f"{trial.task.peg.name.capitalize()} peg, condition {trial.condition}, seed {trial.seed}"
     )
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", name="color-scheme", content="light dark"),
-        tag("title", f"{title} · pliant"),
-        tag("style", _own("page.css")),
+    return document(
+        title,
+        _way_back(home),
+        _headline(trial, title),
+        _strip(trial, media),
+        *_timeline(trial, video, spans),
+        _executions(trial, media, pictures),
+        script="trial.js",
+        style="trial.css",
+        data=timeline.data(trial, spans),
+        stamp=stamp,
+        library=library,
     )
-    body = tag(
-        "body",
-        tag(
-            "main",
-            _headline(trial, title),
-            _strip(trial, media),
-            _video(video),
-            _executions(trial, media),
-        ),
-        tag("script", _own("page.js")),
-    )
-    return f"<!doctype html>\n{tag('html', head, body, lang='en')}\n"
 
 
-def _own(name: str) -> Html:
-    return Html((files("pliant.report") / name).read_text())
+def _way_back(home: str | None) -> Html:
+    if home is None:
+        return Html("")
+    return tag("nav", tag("a", "← the experiment", href=home), aria_label="Up")
 
 
 def _headline(trial: Trial, title: str) -> Html:
@@ -52,6 +61,7 @@ def _headline(trial: Trial, title: str) -> Html:
         ("simulated time", f"{words.number(trial.simulated_s)} s"),
         ("task level", trial.task.level),
         ("trial", trial.trial_id),
+        *_model_calls(trial),
     ]
     drawn = [words.drawn(name, value) for name, value in trial.drawn.items()]
     return tag(
@@ -61,6 +71,27 @@ def _headline(trial: Trial, title: str) -> Html:
         truth_box(drawn) if drawn else Html(""),
         class_="headline",
     )
+
+
+def _model_calls(trial: Trial) -> list[tuple[str, str]]:
+    """What the model was asked and cost, and how often the rules answered in its place."""
+    verdicts = [e.verdict for e in trial.executions]
+    recoveries = [e.recovery for e in trial.executions if e.recovery is not None]
+    decisions: list[Verdict | Recovery] = [*verdicts, *recoveries]
+    calls = [call for decision in decisions for call in decision.exchanges]
+    fallbacks = sum(bool(decision.fallback) for decision in decisions)
+    if not calls and not fallbacks:
+        return []
+    costs = [x.cost_usd for x in calls if x.cost_usd is not None]
+    tokens = sum(x.tokens for x in calls)
+    return [
+        ("model calls", f"{len(calls)}, {sum(bool(x.refused) for x in calls)} not used"),
+        ("tokens", f"{tokens:,}"),
+        ("waited for the model", f"{words.number(sum(x.latency_s for x in calls))} s"),
+        ("cost", f"{sum(costs):.4f} USD" if costs else "not known"),
+        ("decided by the rules instead", f"{fallbacks} of {len(decisions)}"),
+        ("plans clamped", str(sum(r.clamped is not None for r in recoveries))),
+    ]
 
 
 def _strip(trial: Trial, media: Sequence[Media]) -> Html:
@@ -76,18 +107,21 @@ def _strip(trial: Trial, media: Sequence[Media]) -> Html:
         picture = tag("img", src=file.snapshot, alt=alt, width="640", height="480")
         link = tag("a", caption, picture, href=f"#execution-{number}")
         snapshots.append(tag("li", link))
+    return chapter("Snapshots", "snapshots", tag("ol", *snapshots, class_="strip"))
+
+
+def _timeline(trial: Trial, video: str | None, spans: Sequence[Span] | None) -> list[Html]:
+    if not trial.executions:
+        return [] if video is None else [chapter("Video", "video", _player(video))]
+    shown = [] if video is None else [_player(video)]
+    return [
+        chapter("Timeline", "timeline", *shown, timeline.bar(trial, spans)),
+        chapter("Measured by the robot", "measured", timeline.plots(trial)),
+    ]
+
+
+def _player(source: str) -> Html:
     return tag(
-        "section",
-        tag("h2", "Snapshots", id="snapshots"),
-        tag("ol", *snapshots, class_="strip"),
-        aria_labelledby="snapshots",
-    )
-
-
-def _video(source: str | None) -> Html:
-    if source is None:
-        return Html("")
-    player = tag(
         "video",
         tag("a", "The video", href=source),
         src=source,
@@ -97,11 +131,12 @@ def _video(source: str | None) -> Html:
         preload="metadata",
         aria_label="The whole trial from the side and from afar",
     )
-    title = tag("h2", "Video", id="video")
-    return tag("section", title, player, aria_labelledby="video")
 
 
-def _executions(trial: Trial, media: Sequence[Media]) -> Html:
+def _executions(trial: Trial, media: Sequence[Media], pictures: Pictures) -> Html:
     truths = [*trial.truths, *[None] * len(trial.executions)]
-    cards = [card(e, truths[n], media[n]) for n, e in enumerate(trial.executions)]
-    return tag("section", tag("h2", "Executions", id="executions"), join(*cards))
+    cards = [
+        card(trial.executions, n, truths[n], media[n], pictures)
+        for n in range(len(trial.executions))
+    ]
+    return chapter("Executions", "executions", join(*cards))

@@ -1,20 +1,28 @@
 """Everything that is kept and shown of one trial, in one folder."""
 
+import hashlib
 from collections.abc import Mapping
+from functools import lru_cache
+from importlib.resources import files
 from pathlib import Path
 
+from pliant.errors import InputError
 from pliant.formations import Formation
 from pliant.records import Execution, Trial
-from pliant.report import overlay, page, strip
+from pliant.report import overlay, page, strip, video
 from pliant.report.card import Media
-from pliant.report.video import write as write_video
+from pliant.report.document import ASSETS, LIBRARY, library_file, stamp_of
 from pliant.sim import replay
 from pliant.sim.cell import Trajectory
-from pliant.store import PICTURES, Pictures, save_trial, write_bytes, write_jpeg, write_png
+from pliant.store import PICTURES, TRIAL, Pictures, save_trial, write_bytes, write_jpeg, write_png
 from pliant.task import load_task
 from pliant.teaching import Teaching
 
 PAGE, STRIP, VIDEO, OVERLAYS = "index.html", "strip.png", "video.mp4", "overlays"
+TRIALS = "trials"
+"""The folder of a run that holds its trials' folders."""
+
+_HEAD = 1000  # [characters] of a page in which its stamp is
 
 
 def write(
@@ -26,33 +34,120 @@ def write(
     video: bool = False,
 ) -> None:
     """Write a trial's record, pictures, strip and page; its trajectory and video where it has them.
+    What another trial left in the folder goes.
 
     Raises:
         InputError: the folder cannot be written, or a video was asked for and cannot be made.
     """
+    if video and trajectory is None:
+        raise InputError(
+            f"no video can be made of trial '{trial.trial_id}': it has no trajectory, which only"
+            " simulated trials have"
+        )
+    _clear(folder)
     save_trial(folder, trial)
     if trajectory is not None:
         replay.save(folder, trajectory)
     if trial.executions:
         write_png(folder / STRIP, strip.draw(trial.executions))
-    starts = _video(folder, trial, trajectory) if video else None
-    goals = _goal_overlays(folder, trial, teaching)
+    show(folder, trial, teaching, film=video)
+
+
+def show(
+    folder: Path,
+    trial: Trial,
+    teaching: Teaching | None,
+    *,
+    film: bool = False,
+    home: str | None = None,
+) -> None:
+    """Make the page of a trial that is stored in `folder`, with its overlays; with `film` its video
+    too, unless it is there. `teaching` None: the goal pictures are not known. `home` is the way to
+    the experiment's page.
+
+    Raises:
+        InputError: the folder cannot be written, or the video cannot be made.
+    """
+    spans = _film(folder, trial, film)
+    shared = _shared(folder)
+    write_library(folder / shared)
+    goals = _goal_overlays(folder, shared, teaching) if teaching is not None else {}
+    pictures = Pictures(folder / PICTURES)
     media = [
         Media(
-            snapshot=f"{PICTURES}/{Pictures(folder).path(strip.snapshot(execution)).name}",
+            snapshot=f"{PICTURES}/{pictures.path(strip.snapshot(execution)).name}",
             overlay=_overlay(folder, trial, execution),
             goal=goals.get(execution.formation),
-            start_s=None if starts is None else starts[execution.index],
+            filmed=spans is not None,
         )
         for execution in trial.executions
     ]
-    text = page.render(trial, media, video=None if starts is None else VIDEO)
+    _drop_overlays(folder, {file.overlay for file in media})
+    text = page.render(
+        trial,
+        media,
+        pictures,
+        video=None if spans is None else VIDEO,
+        spans=spans,
+        library=shared,
+        home=home,
+        stamp=stamp(folder, teaching, home),
+    )
     write_bytes(folder / PAGE, text.encode())
 
 
-def _video(folder: Path, trial: Trial, trajectory: Trajectory | None) -> list[float] | None:
-    """When each execution begins in the video [s]; None where there is nothing to draw it from."""
-    return None if trajectory is None else write_video(folder / VIDEO, trial, trajectory)
+def is_shown(folder: Path, teaching: Teaching | None, home: str | None) -> bool:
+    """Whether the page is there and made from what is there now, by this pliant."""
+    try:
+        with (folder / PAGE).open(encoding="utf-8") as file:
+            return stamp_of(file.read(_HEAD)) == stamp(folder, teaching, home)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def stamp(folder: Path, teaching: Teaching | None, home: str | None) -> str:
+    """What a page is made from, in short: record, goals, video, and the code that makes it.
+
+    Raises:
+        OSError: the record cannot be read.
+    """
+    total = hashlib.sha256(_code_digest())
+    total.update((folder / TRIAL).read_bytes())
+    if teaching is not None:
+        total.update(_goals_digest(teaching))
+    filmed = (folder / VIDEO).is_file() and (folder / replay.FILE).is_file()
+    total.update(f"{home} {filmed}".encode())
+    return total.hexdigest()[:32]
+
+
+def write_library(folder: Path) -> None:
+    """Put the plotting library into `folder`, if it is not there.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    for name in LIBRARY:
+        path, content = folder / name, library_file(name)
+        if not path.is_file() or path.read_bytes() != content:
+            write_bytes(path, content)
+
+
+def _shared(folder: Path) -> str:
+    """The way from a trial's folder to what its page shares with others of the run."""
+    return f"../../{ASSETS}" if folder.resolve().parent.name == TRIALS else ASSETS
+
+
+def _film(folder: Path, trial: Trial, film: bool) -> list[video.Span] | None:
+    """Each execution's place in the video, drawn if it is wanted and missing; None: no video."""
+    path = folder / VIDEO
+    if not path.is_file() and not film:
+        return None
+    if not film and not (folder / replay.FILE).is_file():
+        return None
+    trajectory = replay.load(folder)
+    if not path.is_file():
+        video.write(path, trial, trajectory)
+    return video.spans(video.storyboard(trial, trajectory))
 
 
 def _overlay(folder: Path, trial: Trial, execution: Execution) -> str:
@@ -63,15 +158,53 @@ def _overlay(folder: Path, trial: Trial, execution: Execution) -> str:
     return name
 
 
-def _goal_overlays(folder: Path, trial: Trial, teaching: Teaching) -> Mapping[Formation, str]:
-    """The goal picture of each formation that was executed, with its measurement."""
+def _goal_overlays(folder: Path, shared: str, teaching: Teaching) -> Mapping[Formation, str]:
+    """Each formation's goal picture with its measurement: drawn once for all trials of a run."""
+    digest = _goals_digest(teaching).hex()[:8]
     names = {}
-    for formation in {execution.formation for execution in trial.executions}:
-        shown = teaching.demonstrations.get(formation)
-        if shown is None:
-            continue
-        name = f"{OVERLAYS}/goal-{formation}.jpg"
-        picture = overlay.draw(shown.view, teaching.scenes[formation], load_task(shown.peg))
-        write_jpeg(folder / name, picture)
-        names[formation] = name
+    for formation, shown in teaching.demonstrations.items():
+        names[formation] = f"{shared}/goal-{formation}-{digest}.jpg"
+        path = folder / names[formation]
+        if not path.is_file():
+            drawn = overlay.draw(shown.view, teaching.scenes[formation], load_task(shown.peg))
+            write_jpeg(path, drawn)
     return names
+
+
+def _clear(folder: Path) -> None:
+    """Remove what `write` wrote before of another trial and may not write now."""
+    for name in (PAGE, STRIP, VIDEO, replay.FILE):
+        _remove(folder / name)
+
+
+def _drop_overlays(folder: Path, kept: set[str]) -> None:
+    for path in (folder / OVERLAYS).glob("*.jpg"):
+        if f"{OVERLAYS}/{path.name}" not in kept:
+            _remove(path)
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"'{path}' cannot be replaced: {error.strerror}; choose another folder"
+        ) from error
+
+
+@lru_cache(maxsize=1)
+def _code_digest() -> bytes:
+    """Of the files that make pages."""
+    total = hashlib.sha256()
+    for file in sorted((files("pliant.report")).iterdir(), key=lambda f: f.name):
+        if file.is_file() and not file.name.endswith(".pyc"):
+            total.update(file.read_bytes())
+    return total.digest()
+
+
+@lru_cache(maxsize=4)
+def _goals_digest(teaching: Teaching) -> bytes:
+    total = hashlib.sha256(repr(teaching.goals).encode())
+    for shown in teaching.demonstrations.values():
+        total.update(shown.view.image.tobytes())
+    return total.digest()

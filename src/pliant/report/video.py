@@ -49,8 +49,17 @@ class Shot:
     judged: bool
 
 
-def write(path: Path, trial: Trial, trajectory: Trajectory) -> list[float]:
-    """Write the video; return when each execution begins in it [s].
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """Where an execution is in the video [s]: its motion, then its verdict standing still."""
+
+    begins: float
+    judged: float
+    ends: float
+
+
+def write(path: Path, trial: Trial, trajectory: Trajectory) -> None:
+    """Write the video.
 
     Raises:
         InputError: the trajectory is another task's, or there is no OpenGL, or the file cannot be
@@ -67,7 +76,6 @@ def write(path: Path, trial: Trial, trajectory: Trajectory) -> list[float]:
     finally:
         replay.cameras.close()
         partial.unlink(missing_ok=True)
-    return starts(shots, len(trial.executions))
 
 
 def storyboard(trial: Trial, trajectory: Trajectory) -> list[Shot]:
@@ -87,13 +95,23 @@ def storyboard(trial: Trial, trajectory: Trajectory) -> list[Shot]:
     return shots + [shots[-1]] * _HOLD_END
 
 
-def starts(shots: Sequence[Shot], executions: int) -> list[float]:
-    """When each execution's first frame is shown [s]."""
-    first: dict[int, int] = {}
+def spans(shots: Sequence[Shot]) -> list[Span]:
+    """Each execution's place in the video."""
+    frames: dict[int, list[int]] = {}
+    judged: dict[int, int] = {}
     for n, shot in enumerate(shots):
         if shot.execution is not None:
-            first.setdefault(shot.execution.index, n)
-    return [first.get(index, 0) / FRAMES_PER_S for index in range(executions)]
+            frames.setdefault(shot.execution.index, []).append(n)
+            if shot.judged:
+                judged.setdefault(shot.execution.index, n)
+    return [
+        Span(
+            begins=shown[0] / FRAMES_PER_S,
+            judged=judged[index] / FRAMES_PER_S,
+            ends=(shown[-1] + 1) / FRAMES_PER_S,
+        )
+        for index, shown in frames.items()
+    ]
 
 
 def _judged_at(execution: Execution) -> float:

@@ -10,6 +10,7 @@ _ENDS = {
     End.EXHAUSTED: "gave up: too many failed verdicts in a row",
     End.CAP: "stopped at the most executions a trial may take",
     End.STOPPED: "the reasoner could not or should not go on",
+    End.REFUSED: "nothing of the reasoner's plan may be done",
     End.FINISHED: "the open-loop plan ran out",
 }
 _DRAWN = {

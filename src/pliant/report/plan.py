@@ -1,0 +1,100 @@
+"""A recovery as it is shown: the analysis, and each step from what was proposed over what was
+admitted to what was commanded."""
+
+from collections.abc import Sequence
+
+from pliant.formations import OWNED, Step
+from pliant.records import Execution, FailureAnalysis, Recovery
+from pliant.report import words
+from pliant.report.html import Html, join, tag
+from pliant.report.parts import facts, notice, section, table
+from pliant.report.transcript import transcript
+from pliant.store import Pictures
+
+
+def recovery(executions: Sequence[Execution], index: int, pictures: Pictures) -> Html:
+    """What was planned after execution `index` failed; empty after a success."""
+    execution = executions[index]
+    found, admission = execution.recovery, execution.admission
+    if found is None:
+        if execution.verdict.success:
+            return Html("")
+        return section("Recovery", tag("p", "None was planned."))
+    refusals = [tag("li", reason) for reason in (admission.refusals if admission else ())]
+    refused = join(tag("p", "Refused:"), tag("ul", *refusals)) if refusals else Html("")
+    return section(
+        "Recovery",
+        _departures(found),
+        _analysis(found.analysis, found.by),
+        _steps(executions, index),
+        refused,
+        transcript(found.exchanges, pictures),
+    )
+
+
+def _departures(found: Recovery) -> Html:
+    """Where the plan is not the model's own, plainly."""
+    notices = []
+    if found.fallback:
+        notices.append(
+            notice(f"Fallback: the rules planned in the model's place. {found.fallback}")
+        )
+    if found.clamped is not None:
+        notices.append(notice("Clamped: the model's plan was cut down to what may be done."))
+    return join(*notices)
+
+
+def _analysis(analysis: FailureAnalysis, by: str) -> Html:
+    pairs = [
+        ("what happened", analysis.what),
+        ("why", analysis.why),
+        ("how to recover", analysis.how),
+        ("motion", words.goal(analysis.motion) or "none"),
+        ("by", by),
+    ]
+    return facts(pairs)
+
+
+def _steps(executions: Sequence[Execution], index: int) -> Html:
+    found, admission = executions[index].recovery, executions[index].admission
+    assert found is not None
+    if not found.steps and not found.clamped:
+        return tag("p", "No steps: stop.")
+    proposed = found.steps if found.clamped is None else found.clamped
+    admitted = admission.steps if admission is not None else ()
+    columns = [
+        [words.step(step) for step in proposed],
+        [words.step(step) for step in found.steps],
+        [
+            words.step(admitted[n]) if n < len(admitted) else "refused"
+            for n in range(len(found.steps))
+        ],
+        _commanded(executions, index, admitted),
+    ]
+    head = ["proposed", "clamped to", "admitted", "commanded"]
+    if found.clamped is None:
+        del columns[1], head[1]
+    rows = [
+        tag("tr", *(tag("td", column[n] if n < len(column) else "–") for column in columns))
+        for n in range(max(map(len, columns)))
+    ]
+    caption = "Proposed, what of it may be done, and the goal that the robot was then given."
+    return table(head, rows, caption)
+
+
+def _commanded(executions: Sequence[Execution], index: int, admitted: Sequence[Step]) -> list[str]:
+    """For each admitted step, what was commanded, or why it was not."""
+    shown: list[str] = []
+    for n, step in enumerate(admitted, start=1):
+        if index + n >= len(executions):
+            shown.append("not reached: the trial ended")
+            continue
+        later = executions[index + n]
+        result = later.outcome
+        goal = {axis: result.target[axis] for axis in OWNED[later.formation]}
+        link = tag("a", f"execution {later.index + 1}", href=f"#execution-{later.index + 1}")
+        shown.append(join(f"{str(step.formation).capitalize()} to {words.goal(goal)}, ", link))
+        if later.recovery is not None:
+            shown += ["not reached: planned anew"] * (len(admitted) - n)
+            break
+    return shown
