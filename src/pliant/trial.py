@@ -5,7 +5,8 @@ shows them as they happen, and an environment drives it step by step.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -16,7 +17,7 @@ from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
 from pliant.pose import Pose
-from pliant.records import Case, End, Execution, Look, Outcome
+from pliant.records import Case, End, Execution, Look, Outcome, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -39,6 +40,16 @@ class Patience:
     executions: int = 40
 
 
+@dataclass(kw_only=True, eq=False)
+class Question:
+    """A failed execution that calls for a recovery. Whoever takes the turns sets the answer before
+    the next one; None keeps to the plan."""
+
+    case: Case
+    verdict: Verdict
+    answer: Recovery | None = None
+
+
 @dataclass(kw_only=True)
 class Run:
     """One trial being run: iterate over it once; afterwards it holds how it ended."""
@@ -56,13 +67,24 @@ class Run:
     history: list[Execution] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Execution]:
+        """The executions; the reasoner answers."""
+        with closing(self.turns()) as turns:
+            for turn in turns:
+                if isinstance(turn, Question):
+                    turn.answer = self.reasoner.recover(turn.case, turn.verdict)
+                else:
+                    yield turn
+
+    def turns(self) -> Generator[Question | Execution, None, None]:
+        """The executions, and before each that calls for a recovery its question: for whoever
+        answers in the reasoner's place. The reasoner judges."""
         try:
             with Guarded(self.robot, self.limits) as robot:
-                yield from self._executions(robot)
+                yield from self._turns(robot)
         except RobotFault as fault:
             self.end_reason, self.fault = fault.end_reason, str(fault)
 
-    def _executions(self, robot: Guarded) -> Iterator[Execution]:
+    def _turns(self, robot: Guarded) -> Iterator[Question | Execution]:
         goals = self.teaching.goals
         queue = deque(goals.step(formation) for formation in Formation)
         failures = 0
@@ -93,7 +115,9 @@ class Run:
             done = verdict.success and step.formation is Formation.INSERTION
             out_of_patience = failures >= self.patience.failures
             if not verdict.success and not out_of_patience:
-                recovery = self.reasoner.recover(case, verdict)
+                question = Question(case=case, verdict=verdict)
+                yield question
+                recovery = question.answer
                 if recovery is not None:
                     admission = admit(recovery, case, self.limits)
                     queue = deque(admission.steps)

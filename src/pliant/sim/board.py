@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +13,21 @@ from pliant.task import BLOCK_SIZE, Hole, Peg
 Polygon = NDArray[np.float64]  # (n, 2) [m], convex, counter-clockwise
 
 
+@lru_cache(maxsize=16)
 def hole_outline(peg: Peg, hole: Hole, *, grown: float = 0.0) -> Polygon:
     """The hole's outline, `grown` further on every side [m]. A round hole is a regular polygon
     around its circle, with flats at +-y."""
     margin = hole.clearance / 2 + grown
     if peg.radius is None:
-        return _grow(np.array(peg.outline), margin)
-    apothem = peg.radius + margin
-    half = math.pi / ROUND_HOLE_SIDES
-    angles = math.pi / 2 + half * (2 * np.arange(ROUND_HOLE_SIDES) + 1)
-    corner = apothem / math.cos(half)
-    return np.column_stack([corner * np.cos(angles), corner * np.sin(angles)])
+        outline = _grow(np.array(peg.outline), margin)
+    else:
+        apothem = peg.radius + margin
+        half = math.pi / ROUND_HOLE_SIDES
+        angles = math.pi / 2 + half * (2 * np.arange(ROUND_HOLE_SIDES) + 1)
+        corner = apothem / math.cos(half)
+        outline = np.column_stack([corner * np.cos(angles), corner * np.sin(angles)])
+    outline.setflags(write=False)  # it is kept for the next call
+    return outline
 
 
 def hole_prisms(peg: Peg, hole: Hole) -> list[NDArray[np.float64]]:  # each (n, 3) [m]
@@ -48,9 +53,12 @@ def hole_prisms(peg: Peg, hole: Hole) -> list[NDArray[np.float64]]:  # each (n, 
 
 def contains(outline: Polygon, point: Sequence[float]) -> bool:
     """Whether a point (x, y) lies inside a convex, counter-clockwise outline."""
-    edges = np.roll(outline, -1, axis=0) - outline
-    to_point = np.asarray(point) - outline
-    return bool(np.all(edges[:, 0] * to_point[:, 1] - edges[:, 1] * to_point[:, 0] >= 0))
+    x, y = point
+    corners = outline.tolist()
+    return all(
+        (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
+        for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True)
+    )
 
 
 def _grow(outline: Polygon, margin: float) -> Polygon:

@@ -181,42 +181,25 @@ class SimRobot:
         self.halt()
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
-        started = self.clock()
         waypoints = self.arm.line(self._commanded, pose, self._q)
         profile = Profile(self._length(pose), speed_m_s, c.ACCELERATION_RAMP)
         ticks = max(1, math.ceil(profile.duration / c.CONTROL_PERIOD))
         fractions = profile.fractions(np.arange(1.0, ticks + 1.0) * c.CONTROL_PERIOD)
         path = _along(waypoints, fractions)
+        return self._follow(path, pose, stop_at_compression_m, self.compression())
 
-        compression = peak = self.compression()
-        floor = compression
-        stop = Stop.REACHED
-        samples = _Samples()
-        for k in range(ticks):
-            self.data.ctrl[:] = path[k]
-            self._control()
-            compression = self.compression()
-            peak = max(peak, compression)
-            floor = min(floor, compression)
-            if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
-                self._sample(samples, compression)
-            if compression > max(stop_at_compression_m, floor + _UNLOADING):
-                stop = Stop.COMPRESSION
-                break
-        if stop is Stop.COMPRESSION:
-            self.halt()
-        else:
-            self._commanded, self._q = pose, path[-1]
-        return Motion(
-            requested=pose,
-            commanded=pose,
-            ended=self.pose(),
-            stop=stop,
-            peak_compression_m=peak,
-            started_s=started,
-            ended_s=self.clock(),
-            trace=samples.trace(),
-        )
+    def stream_to(
+        self, pose: Pose, *, seconds: float, stop_at_compression_m: float, floor_m: float
+    ) -> Motion:
+        """Run the set points evenly, without ramps, to a pose a few millimetres away.
+
+        Where the wrist is pressed past the limit already, `floor_m` is the least compression since:
+        this motion may not press further than that, so that no row of them can either.
+        """
+        target = self.arm.solve(pose.position(), pose.rotation(), self._q)
+        ticks = max(1, round(seconds / c.CONTROL_PERIOD))
+        path = self._q + np.arange(1, ticks + 1)[:, None] / ticks * (target - self._q)
+        return self._follow(path, pose, stop_at_compression_m, min(floor_m, self.compression()))
 
     def settle(self, seconds: float) -> None:
         for _ in range(round(seconds / c.CONTROL_PERIOD)):
@@ -253,6 +236,10 @@ class SimRobot:
         site = self.data.site_xmat[self._site].reshape(3, 3)
         return pose_from(self.data.site_xpos[self._site], site)
 
+    def set_point(self) -> Pose:
+        """Where the arm is told to be; it hangs a little lower under the tool's weight."""
+        return self._commanded
+
     def compression(self) -> float:
         """Of the wrist along its axis, from free hang [m]."""
         return float(self.data.qpos[self._slide]) - self._free_hang
@@ -262,6 +249,40 @@ class SimRobot:
     def watch(self, on_step: Callable[[], None]) -> None:
         """Call `on_step` after every control period; for the live viewer."""
         self._on_step = on_step
+
+    def _follow(self, path: NDArray[np.float64], pose: Pose, limit: float, floor: float) -> Motion:
+        """Hold each row of `path` (ticks, 6) [rad], which ends at `pose`, for one control period;
+        `limit` and `floor`, the least compression so far, are in metres."""
+        started = self.clock()
+        peak = self.compression()
+        stop = Stop.REACHED
+        samples = _Samples()
+        ticks = len(path)
+        for k in range(ticks):
+            self.data.ctrl[:] = path[k]
+            self._control()
+            compression = self.compression()
+            peak = max(peak, compression)
+            floor = min(floor, compression)
+            if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
+                self._sample(samples, compression)
+            if compression > max(limit, floor + _UNLOADING):
+                stop = Stop.COMPRESSION
+                break
+        if stop is Stop.COMPRESSION:
+            self.halt()
+        else:
+            self._commanded, self._q = pose, path[-1]
+        return Motion(
+            requested=pose,
+            commanded=pose,
+            ended=self.pose(),
+            stop=stop,
+            peak_compression_m=peak,
+            started_s=started,
+            ended_s=self.clock(),
+            trace=samples.trace(),
+        )
 
     def _length(self, pose: Pose) -> float:
         """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
