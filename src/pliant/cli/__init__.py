@@ -7,6 +7,7 @@ import tyro
 from pliant.cli.experiment import experiment
 from pliant.cli.run import run
 from pliant.cli.tables import tables
+from pliant.cli.view import view
 from pliant.errors import PliantError
 
 _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist."
@@ -17,7 +18,7 @@ def main() -> None:
     try:
         sys.exit(
             tyro.extras.subcommand_cli_from_dict(
-                {"run": run, "experiment": experiment, "tables": tables},
+                {"run": run, "experiment": experiment, "tables": tables, "view": view},
                 prog="pliant",
                 description=_DESCRIPTION,
             )

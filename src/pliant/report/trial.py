@@ -91,32 +91,28 @@ def show(
         spans=spans,
         library=shared,
         home=home,
-        stamp=stamp(folder, teaching, home),
+        stamp=_stamp(folder, has_goals=teaching is not None, home=home),
     )
     write_bytes(folder / PAGE, text.encode())
 
 
-def is_shown(folder: Path, teaching: Teaching | None, home: str | None) -> bool:
-    """Whether the page is there and made from what is there now, by this pliant."""
+def is_shown(folder: Path, home: str | None = None) -> bool:
+    """Whether the page is there, made by this pliant from what is there now. One that lacks its
+    goal pictures is not: they may be known by now."""
     try:
         with (folder / PAGE).open(encoding="utf-8") as file:
-            return stamp_of(file.read(_HEAD)) == stamp(folder, teaching, home)
+            found = stamp_of(file.read(_HEAD))
+        return found == _stamp(folder, has_goals=True, home=home)
     except (OSError, UnicodeDecodeError):
         return False
 
 
-def stamp(folder: Path, teaching: Teaching | None, home: str | None) -> str:
-    """What a page is made from, in short: record, goals, video, and the code that makes it.
-
-    Raises:
-        OSError: the record cannot be read.
-    """
+def _stamp(folder: Path, *, has_goals: bool, home: str | None) -> str:
+    """What a page is made from, in short: record, goals, video, and the code that makes it."""
     total = hashlib.sha256(_code_digest())
     total.update((folder / TRIAL).read_bytes())
-    if teaching is not None:
-        total.update(_goals_digest(teaching))
     filmed = (folder / VIDEO).is_file() and (folder / replay.FILE).is_file()
-    total.update(f"{home} {filmed}".encode())
+    total.update(f"{has_goals} {filmed} {home}".encode())
     return total.hexdigest()[:32]
 
 

@@ -1,0 +1,58 @@
+"""`pliant view`: the pages of an experiment or a run, to open from the disk or to be served."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.text import Text
+
+from pliant import teaching
+
+
+def view(
+    folder: Annotated[Path, tyro.conf.Positional],
+    *,
+    video: bool = False,
+    goals: Path | None = None,
+    serve: bool = False,
+    port: int = 0,
+) -> int:
+    """Make the pages of an experiment and of each trial whose record was kept; those that are up
+    to date stay. An experiment that still runs is shown as far as it is.
+
+    Args:
+        folder: the result folder of `pliant experiment` or `pliant run`, or one trial's in it.
+        video: also draw the videos that are missing, some seconds each.
+        goals: the taught goals file that the trials used, if it was not the shipped one.
+        serve: then serve the folder, and nothing else, to browsers on this machine; Ctrl-C ends it.
+        port: of --serve; 0 takes a free one.
+    """
+    from pliant.report.serve import Server
+    from pliant.report.view import view as make
+
+    teachings = [teaching.shipped(), *([] if goals is None else [teaching.load(goals)])]
+    server = Server(folder, port) if serve else None  # a port that is taken is said at once
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    with console.status("reading the results") as status:
+        viewed = make(
+            folder,
+            teachings,
+            film=video,
+            progress=lambda done, of: status.update(f"trial {done + 1} of {of}"),
+        )
+    for problem in viewed.problems:
+        console.print(Text(f"no page: {problem}"))
+    if viewed.without_goals:
+        console.print(
+            Text(
+                f"{viewed.without_goals} trials had other goals than the shipped ones: --goals FILE"
+                " shows their goal pictures"
+            )
+        )
+    console.print(Text(f"{viewed.made} pages of trials made, {viewed.kept} up to date"))
+    print(viewed.page)
+    if server is not None:
+        console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
+        server.run()
+    return 1 if viewed.problems else 0

@@ -1,0 +1,178 @@
+"""An experiment as one static page: the tables beside the paper's, where and how it fails, who is
+better, and every trial to be found, failures first."""
+
+import math
+from collections.abc import Collection, Sequence
+
+from pliant.experiment.measures import Row, inserted
+from pliant.experiment.measures import rate as rated
+from pliant.report import overview_tables as tables
+from pliant.report import words
+from pliant.report.charts import Bar, Bin, histogram
+from pliant.report.document import document
+from pliant.report.html import Html, join, tag
+from pliant.report.overview_data import data, heading, in_report, quantities
+from pliant.report.parts import chapter, facts, notice, table
+from pliant.report.summary import Summary
+
+_BINS = 8
+
+
+def render(summary: Summary, title: str, pages: Collection[str]) -> str:
+    """The page's text. `pages` has the id of each trial that has a page, in its own folder."""
+    made = summary.tables
+    chapters = [
+        ("table2", "Table II: success, and average extra executions", tables.table2(made["cells"])),
+        (
+            "table3",
+            "Table III: from the failed formation to the first of its plan",
+            tables.table3(made["transitions"]),
+        ),
+        ("where", "Where it fails", _where(summary.trials)),
+        ("kinds", "Kinds of failure", tables.kinds(made["cells"])),
+        ("pairs", "Reasoner against reasoner, on the same seeds", tables.pairs(made["pairs"])),
+        *([("model", "What the model cost", _spent(summary))] if summary.spent else []),
+        ("trials", "Trials", _trials()),
+    ]
+    contents = (tag("li", tag("a", title, href=f"#{name}")) for name, title, _ in chapters)
+    return document(
+        title,
+        _headline(summary, title),
+        tag("nav", tag("ul", *contents), aria_label="On this page", class_="contents"),
+        *(chapter(title, name, content) for name, title, content in chapters),
+        script="overview.js",
+        style="overview.css",
+        data=data(summary, pages),
+    )
+
+
+def _headline(summary: Summary, title: str) -> Html:
+    run, cells = summary.run, summary.tables["cells"]
+    reasoners = dict.fromkeys(cell["reasoner"] for cell in cells)
+    models = dict.fromkeys(cell["model"] for cell in cells if cell["model"])
+    n, planned = len(summary.trials), summary.planned
+    commit = f"{(run.get('commit') or 'not known')[:12]}{', changed' if run.get('dirty') else ''}"
+    versions = run.get("versions") or {}
+    pairs = [
+        ("trials", f"{n} of {planned}" if n < planned else str(n)),
+        ("cells", str(len(cells))),
+        ("reasoners", ", ".join(reasoners)),
+        *([("models", ", ".join(models))] if models else []),
+        ("judged ≠ inserted", str(sum(cell["disagreed"] for cell in cells))),
+        ("faults", str(sum(cell["faults"] for cell in cells))),
+        ("robot time", f"{words.number(sum(t['simulated_s'] for t in summary.trials) / 3600)} h"),
+        ("started", str(run.get("started", "not known"))),
+        ("commit", commit),
+        ("pliant, mujoco", f"{versions.get('pliant')}, {versions.get('mujoco')}"),
+    ]
+    unfinished = (
+        notice(f"Not finished: {n} of {planned} trials are shown. `pliant view` again shows more.")
+        if n < planned
+        else Html("")
+    )
+    return tag("header", tag("h1", title), unfinished, facts(pairs), class_="headline")
+
+
+# --- where it fails ----------------------------------------------------------------------------
+
+
+def _where(trials: Sequence[Row]) -> Html:
+    """Success against each drawn quantity, reasoner by reasoner, over the cells that draw it."""
+    rows = []
+    for reasoner in dict.fromkeys(t["reasoner"] for t in trials):
+        own = [t for t in trials if t["reasoner"] == reasoner]
+        panels = [_panel(own, reasoner, column) for column in quantities()]
+        shown = [panel for panel in panels if panel]
+        if shown:
+            rows.append(join(tag("h3", reasoner), tag("div", *shown, class_="panels")))
+    if not rows:
+        return tag("p", "Nothing was drawn at random.")
+    hint = (
+        "Share of trials inserted (G), with 95 % intervals, over all cells that draw the quantity;"
+        " below each, a stroke per failed trial. A column leads to its trials."
+    )
+    return join(tag("p", hint, class_="hint"), *rows)
+
+
+def _panel(trials: Sequence[Row], reasoner: str, column: str) -> Html:
+    """One quantity's histogram; empty where no cell draws it."""
+    axis = quantities()[column]
+    cells: dict[tuple[str, str, str], list[tuple[float, bool | None]]] = {}
+    for trial in trials:
+        cell = (trial["level"], trial["peg"], trial["condition"])
+        value = in_report(axis, trial[column])
+        cells.setdefault(cell, []).append((value, inserted(trial)))
+    drawn = [
+        point
+        for points in cells.values()
+        if len({value for value, _ in points}) > 1
+        for point in points
+    ]
+    if not drawn:
+        return Html("")
+    edges = _edges([value for value, _ in drawn])
+    bins = []
+    for n in range(len(edges) - 1):
+        begin, end, last = edges[n], edges[n + 1], n == len(edges) - 2
+        held = [ok for value, ok in drawn if begin <= value < end or (last and value == end)]
+        found = rated(held)
+        between = f"{begin:g} to {end:g}"
+        described = f"{between}: {tables.rate(found)} % of {found['n']} inserted"
+        bins.append(
+            Bin(
+                begin=begin,
+                end=end,
+                bar=Bar(percent=found["percent"], low=found["low"], high=found["high"]),
+                link=tables.address(
+                    reasoner=reasoner, drawn=column, least=f"{begin:g}", most=f"{end:g}"
+                ),
+                described=described,
+            )
+        )
+    failures = [value for value, ok in drawn if ok is False]
+    label = heading(column)
+    return histogram(bins, failures, label, f"{reasoner}: inserted [%] over {label}")
+
+
+def _edges(values: Sequence[float]) -> list[float]:
+    """Bins of equal width on round numbers."""
+    low, high = min(values), max(values)
+    raw = (high - low) / _BINS
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(power * m for m in (1, 2, 2.5, 5, 10) if power * m >= raw * 0.999)
+    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    return [round(n * step, 9) for n in range(first, last + 1)]
+
+
+# --- the model's price, the trials -------------------------------------------------------------
+
+
+def _spent(summary: Summary) -> Html:
+    """What each reasoner's models were asked for, per trial."""
+    by_reasoner: dict[tuple[str, str], list[Row]] = {}
+    for trial in summary.trials:
+        spent = summary.spent.get(trial["trial_id"])
+        if spent is not None:
+            name = (trial["reasoner"], trial["model"] or "not known")
+            by_reasoner.setdefault(name, []).append(spent)
+    rows = []
+    for (reasoner, model), spent_on in by_reasoner.items():
+        costs = [s["cost_usd"] for s in spent_on if s["cost_usd"] is not None]
+        cells = [
+            tables.link(reasoner, reasoner=reasoner),
+            model,
+            str(len(spent_on)),
+            f"{sum(s['tokens'] or 0 for s in spent_on) / len(spent_on):,.0f}",
+            f"{sum(s['latency_s'] or 0.0 for s in spent_on) / len(spent_on):.1f}",
+            f"{sum(costs) / len(costs):.4f}" if costs else "not known",
+            f"{sum(costs):.2f}" if costs else "not known",
+        ]
+        rows.append(tag("tr", *(tag("td", cell) for cell in cells)))
+    head = ["reasoner", "model", "trials that asked", "tokens per trial", "waited per trial [s]"]
+    head += ["cost per trial [USD]", "cost in all [USD]"]
+    return table(head, rows, "Per trial: the mean over the trials that asked; cost where known.")
+
+
+def _trials() -> Html:
+    """The place of the list, which the page's script fills."""
+    return tag("div", tag("noscript", "The list of trials needs JavaScript."), id="list")

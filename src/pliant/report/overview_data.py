@@ -1,0 +1,158 @@
+"""The list of an experiment's trials as the page's script reads it: compact columns, and for each
+cell the command that shows one of its trials."""
+
+import shlex
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+from urllib.parse import quote
+
+from pliant.errors import InputError
+from pliant.experiment.columns import KINDS, TRIALS
+from pliant.experiment.measures import Row
+from pliant.experiment.plan import QUANTITIES
+from pliant.pose import Axis
+from pliant.report import words
+from pliant.report.html import plain
+from pliant.report.summary import Names, Summary
+from pliant.report.trial import PAGE
+from pliant.report.trial import TRIALS as FOLDER
+from pliant.task import CONDITIONS, load_task, shipped_pegs
+
+_NAMES = ("level", "peg", "condition", "reasoner")
+_DRAWN = "drawn_"
+_PEG_FILE = "PEG.yaml"
+"""Stands in a command for a peg file of the user's own, whose path the results do not hold."""
+
+
+def quantities() -> dict[str, Axis | None]:
+    """Every quantity that can be drawn, as its column names it, and the axis whose unit it has."""
+    units = {"m": Axis.Y, "rad": Axis.ROLL}
+    return {c.name: units.get(c.unit) for c in TRIALS if c.name.startswith(_DRAWN)}
+
+
+def in_report(axis: Axis | None, value: float) -> float:
+    """A drawn value in the unit in which it is shown."""
+    return value if axis is None else axis.to_report(value)
+
+
+def heading(column: str) -> str:
+    """A drawn quantity's name with its unit."""
+    axis = quantities()[column]
+    unit = "factor" if axis is None else axis.report_unit.replace("deg", "°")
+    return f"{words.drawn(column.removeprefix(_DRAWN), 0.0)[0]} [{unit}]"
+
+
+def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
+    """What the page's script reads. `pages` has the id of each trial with a page."""
+    trials = summary.trials
+    cells = list(dict.fromkeys(map(_names, trials)))
+    place = {names: n for n, names in enumerate(cells)}
+    models = {_names(t): t["model"] for t in trials}
+    ends = list(dict.fromkeys(t["end_reason"] for t in trials))
+    kinds = list(KINDS)
+    columns: dict[str, Sequence[Any]] = {
+        "cell": [place[_names(t)] for t in trials],
+        "seed": [t["seed"] for t in trials],
+        "judged": [int(t["judged"]) for t in trials],
+        "inserted": [_truth(t) for t in trials],
+        "depth": [_rounded(t["depth_m"], 1e3, 1) for t in trials],
+        "end": [ends.index(t["end_reason"]) for t in trials],
+        "kind": [_place(kinds, t["failure_kind"]) for t in trials],
+        "executions": [t["executions"] for t in trials],
+        **{
+            name: [_rounded(in_report(axis, t[name]), 1.0, 3) for t in trials]
+            for name, axis in quantities().items()
+        },
+    }
+    if summary.spent:
+        for name, digits in (("tokens", 0), ("cost_usd", 6), ("latency_s", 1)):
+            spent = [summary.spent.get(t["trial_id"], {}).get(name) for t in trials]
+            columns[name] = [_rounded(v, 1.0, digits) for v in spent]
+    return {
+        "cells": [
+            {
+                **dict(zip(_NAMES, map(plain, names), strict=True)),
+                "model": plain(models[names] or ""),
+                "command": plain(command(names, summary.cells.get(names))),
+            }
+            for names in cells
+        ],
+        "ends": [plain(end) for end in ends],
+        "kinds": [kind.replace("_", " ") for kind in kinds],
+        "kindNames": kinds,
+        "quantities": {name: heading(name) for name in quantities()},
+        "columns": columns,
+        "pages": {
+            n: f"{FOLDER}/{quote(t['trial_id'])}/{PAGE}"
+            for n, t in enumerate(trials)
+            if t["trial_id"] in pages
+        },
+    }
+
+
+def command(names: Names, cell: Mapping[str, Any] | None) -> str:
+    """What runs and shows one trial of a cell, with SEED for its seed. `cell` is its
+    configuration."""
+    level, peg, condition, reasoner = names
+    settings = (cell or {}).get("vlm")
+    options = ["--peg", _peg(peg, level, cell), *_condition(condition, cell)]
+    if settings:
+        options += ["--reasoner", "vlm", "--model", str(settings.get("model"))]
+        if settings.get("base_url"):
+            options += ["--base-url", str(settings["base_url"])]
+    else:
+        options += ["--reasoner", reasoner]
+    if level != "L0":
+        options += ["--level", level]
+    return f"pliant run {shlex.join(options)} --seed SEED"
+
+
+def _peg(peg: str, level: str, cell: Mapping[str, Any] | None) -> str:
+    """The shipped peg's name, unless the cell's peg only has the same name."""
+    if peg not in shipped_pegs():
+        return _PEG_FILE
+    try:
+        shipped = asdict(load_task(peg, level))
+    except InputError:
+        return peg  # a level that this pliant does not know
+    same = cell is None or _listed(shipped["peg"]) == _listed(cell["task"]["peg"])
+    return peg if same else _PEG_FILE
+
+
+def _condition(condition: str, cell: Mapping[str, Any] | None) -> list[str]:
+    if condition in CONDITIONS or cell is None:
+        return ["--condition", condition]
+    ranges = cell["condition"].get("ranges", {})
+    options = ["--condition", "none"]
+    for field, (quantity, axis) in QUANTITIES.items():
+        if quantity in ranges:
+            values = [f"{in_report(axis, value):.12g}" for value in ranges[quantity]]
+            options += [f"--{field.replace('_', '-')}", *values]
+    return options
+
+
+def _listed(peg: Mapping[str, Any]) -> dict[str, Any]:
+    """As it is after JSON, which has no tuples."""
+    return {**peg, "outline": [list(corner) for corner in peg["outline"]]}
+
+
+def _names(trial: Row) -> Names:
+    return trial["level"], trial["peg"], trial["condition"], trial["reasoner"]
+
+
+def _truth(trial: Row) -> int | None:
+    if trial["inserted"] is None:
+        return 0 if str(trial["end_reason"]).startswith("fault:") else None
+    return int(trial["inserted"])
+
+
+def _place(names: Sequence[str], name: str | None) -> int:
+    return -1 if name is None else names.index(name)
+
+
+def _rounded(value: float | None, factor: float, digits: int) -> float | None:
+    if value is None:
+        return None
+    rounded = round(value * factor, digits)
+    return int(rounded) if rounded == int(rounded) else rounded

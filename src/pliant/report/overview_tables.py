@@ -1,0 +1,216 @@
+"""The tables of an experiment's page: ours beside the paper's, with intervals, each row leading to
+its trials."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+from urllib.parse import urlencode
+
+from pliant.experiment.columns import KINDS
+from pliant.experiment.statistics import wilson
+from pliant.experiment.tables_text import REFERENCE
+from pliant.formations import RECOVERABLE
+from pliant.report import words
+from pliant.report.charts import Bar, bars, difference
+from pliant.report.html import Html, join, tag
+from pliant.report.parts import table
+
+Document = Mapping[str, Any]
+
+
+def link(shown: str, **wanted: object) -> Html:
+    """A link to the list of trials, narrowed to these."""
+    return tag("a", shown, href=address(**wanted))
+
+
+def address(**wanted: object) -> str:
+    """Where the list of trials is, narrowed to these."""
+    return f"#{urlencode({name: str(value) for name, value in wanted.items()})}"
+
+
+def place(cell: Document) -> dict[str, object]:
+    """What narrows the list of trials to a cell."""
+    return {name: cell[name] for name in ("level", "peg", "condition", "reasoner")}
+
+
+def table2(cells: Sequence[Document]) -> Html:
+    """Table II: success judged (F) and true (G), and average extra executions."""
+    head = ["peg", "condition", "reasoner", "n", "F over G", "F [%]", "G [%]", "paper's F, G"]
+    head += ["extra fit, align, insertion", "paper's", "trials"]
+    caption = (
+        "F: judged inserted. G: truly inserted; a trial that a fault ended counts as not. Whiskers"
+        " and brackets: 95 % Wilson interval. Diamonds: the paper's, whose reasoner is GPT-4o."
+    )
+    return table(head, [_table2_row(cell) for cell in cells], caption)
+
+
+def _table2_row(cell: Document) -> Html:
+    judged, true, theirs = cell["judged"], cell["inserted"], cell["paper"]
+    shown = bars(
+        [
+            _bar(judged, theirs and theirs["judged"], "judged"),
+            _bar(true, theirs and theirs["inserted"], "success"),
+        ],
+        f"F {rate(judged)}, G {rate(true)}",
+    )
+    extra = ", ".join(f"{cell['extra'][f]:.2f}" for f in RECOVERABLE)
+    papers_extra = ", ".join(f"{v:.1f}" for v in theirs["extra"].values()) if theirs else ""
+    failed = true["n"] - true["successes"]
+    trials = [link(f"all {cell['n']}", **place(cell))]
+    if failed:
+        trials.append(link(f"{failed} failed", **place(cell), outcome="failed"))
+    if cell["disagreed"]:
+        trials.append(link(f"{cell['disagreed']} F≠G", **place(cell), outcome="disagreed"))
+    return tag(
+        "tr",
+        *(tag("td", text) for text in who(cell)),
+        tag("td", str(cell["n"]), class_="number"),
+        tag("td", shown),
+        tag("td", rate(judged), class_="number"),
+        tag("td", rate(true), class_="number"),
+        tag("td", f"{theirs['judged']:g}, {theirs['inserted']:g}" if theirs else "–"),
+        tag("td", extra, class_="number"),
+        tag("td", papers_extra or "–", class_="number"),
+        tag("td", _spaced(trials)),
+    )
+
+
+def table3(transitions: Sequence[Document]) -> Html:
+    """Table III: from the failed formation to the first of its plan."""
+    if not transitions:
+        return tag("p", "No execution was followed by a plan.")
+    rows = [
+        _table3_row(entry, origin, to)
+        for entry in transitions
+        for origin, to in entry["counts"].items()
+    ]
+    head = ["peg", "reasoner", "from", "n", *(f"to {f} [%]" for f in RECOVERABLE)]
+    caption = "Over all conditions. Diamonds: the paper's, which gives the circle's."
+    return table(head, rows, caption)
+
+
+def _table3_row(entry: Document, origin: str, to: Mapping[str, int]) -> Html:
+    n = sum(to.values())
+    theirs = (entry["paper"] or {}).get(origin, {})
+    cells = []
+    for formation in RECOVERABLE:
+        interval = wilson(to[formation], n)
+        percent, paper = 100 * to[formation] / n, theirs.get(formation)
+        beside = "" if paper is None else f"; paper {paper:g}"
+        text = f"{percent:.1f} [{100 * interval.low:.1f}, {100 * interval.high:.1f}]{beside}"
+        bar = Bar(percent=percent, low=100 * interval.low, high=100 * interval.high, paper=paper)
+        cells.append(tag("td", bars([bar], text), tag("div", text, class_="number")))
+    narrowed = {name: entry[name] for name in ("level", "peg", "reasoner")}
+    return tag(
+        "tr",
+        tag("td", _peg(entry)),
+        tag("td", link(entry["reasoner"], **narrowed)),
+        tag("td", origin),
+        tag("td", str(n), class_="number"),
+        *cells,
+    )
+
+
+def kinds(cells: Sequence[Document]) -> Html:
+    """How many trials failed in which way, in the cells where any did."""
+    failed = [cell for cell in cells if cell["failure_kinds"]]
+    if not failed:
+        return tag("p", "No trial failed.")
+    names = [kind for kind in KINDS if any(kind in cell["failure_kinds"] for cell in failed)]
+    rows = []
+    for cell in failed:
+        counts = [
+            tag("td", _kind(cell, kind, cell["failure_kinds"].get(kind, 0))) for kind in names
+        ]
+        n = tag("td", str(cell["n"]), class_="number")
+        rows.append(tag("tr", *(tag("td", text) for text in who(cell)), n, *counts))
+    meanings = [tag("div", tag("dt", _spoken(kind)), tag("dd", KINDS[kind])) for kind in names]
+    head = ["peg", "condition", "reasoner", "n", *map(_spoken, names)]
+    caption = "Decided from the truth after each execution. Bars: the share of the cell's trials."
+    return join(table(head, rows, caption), tag("dl", *meanings, class_="meanings"))
+
+
+def _kind(cell: Document, kind: str, count: int) -> Html:
+    if not count:
+        return tag("span", "–", class_="hint")
+    n = cell["n"]
+    described = f"{count} of {n}"
+    bar = Bar(percent=100 * count / n, kind="failure")
+    return join(bars([bar], described), link(str(count), **place(cell), kind=kind))
+
+
+def pairs(rows: Sequence[Document]) -> Html:
+    """Reasoner against reasoner on the same seeds: all cells together for every two, and cell by
+    cell against one."""
+    if not rows:
+        return tag("p", "Only one reasoner: nothing to compare.")
+    names = list(dict.fromkeys(name for r in rows for name in (r["first"], r["second"])))
+    reference = REFERENCE if REFERENCE in names else names[0]
+    shown = [r for r in rows if r["peg"] is None]
+    shown += [r for r in rows if r["peg"] and reference in (r["first"], r["second"])]
+    head = ["first − second", "peg", "condition", "n", "", "difference [points]"]
+    head += ["only first", "only second", "McNemar p"]
+    caption = (
+        "Difference in G on the trials that both have, with its 95 % interval (Newcombe); right of"
+        " the middle the first is better. Only: trials that one inserted and the other did not."
+    )
+    return table(head, [_pair(row) for row in shown], caption)
+
+
+def _pair(row: Document) -> Html:
+    where = {name: row[name] for name in ("level", "peg", "condition") if row[name]}
+    text = f"{_signed(row['difference'])} [{_signed(row['low'])}, {_signed(row['high'])}]"
+    chart = difference(row["difference"], row["low"], row["high"], text)
+
+    def only(count: int, winner: str, loser: str) -> Html:
+        if not count:
+            return tag("td", "0", class_="number")
+        shown = link(str(count), **where, reasoner=loser, outcome="failed", against=winner)
+        return tag("td", shown, class_="number")
+
+    return tag(
+        "tr",
+        tag("td", f"{row['first']} − {row['second']}"),
+        tag("td", _peg(row) if row["peg"] else "all"),
+        tag("td", row["condition"] or "all"),
+        tag("td", str(row["n"]), class_="number"),
+        tag("td", chart),
+        tag("td", text, class_="number"),
+        only(row["only_first"], row["first"], row["second"]),
+        only(row["only_second"], row["second"], row["first"]),
+        tag("td", f"{row['p']:.2g}", class_="number"),
+    )
+
+
+def rate(found: Document) -> str:
+    """A share with its interval: "45.0 [40.2, 49.9]"."""
+    if not found["n"]:
+        return "not known"
+    return f"{found['percent']:.1f} [{found['low']:.1f}, {found['high']:.1f}]"
+
+
+def who(cell: Document) -> list[str]:
+    """A cell's peg, condition and reasoner."""
+    model = f" ({cell['model']})" if cell["model"] else ""
+    return [_peg(cell), cell["condition"], cell["reasoner"] + model]
+
+
+def _peg(cell: Document) -> str:
+    return cell["peg"] if cell["level"] == "L0" else f"{cell['peg']} {cell['level']}"
+
+
+def _bar(found: Document, paper: float | None, kind: str) -> Bar:
+    return Bar(
+        percent=found["percent"], low=found["low"], high=found["high"], paper=paper, kind=kind
+    )
+
+
+def _spaced(parts: Sequence[Html]) -> Html:
+    return join(*(piece for part in parts for piece in (part, " ")))
+
+
+def _spoken(kind: str) -> str:
+    return kind.replace("_", " ")
+
+
+def _signed(value: float) -> str:
+    return words.number(value, sign=True)

@@ -1,0 +1,115 @@
+"""What an experiment's page shows, read from its folder: a finished one's Parquet files, or the
+journal of one that is not finished."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pliant.errors import InputError
+from pliant.experiment import journal, results, tables
+from pliant.experiment.measures import Row
+from pliant.store import RUN
+
+Document = Mapping[str, Any]
+Names = tuple[str, str, str, str]
+"""A cell's (level, peg, condition, reasoner)."""
+
+_SPENT = ("tokens", "cost_usd", "latency_s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """`run` is run.json, `tables` what `pliant tables` gives, `trials` the rows of trials.parquet,
+    `spent` the tokens, cost_usd and latency_s of each trial that asked a model."""
+
+    run: Document
+    tables: Document
+    trials: list[Row]
+    spent: Mapping[str, Row]
+
+    @property
+    def cells(self) -> Mapping[Names, Document]:
+        """The experiment's cells, as they are configured."""
+        cells = self.run["configuration"].get("cells", [])
+        return {_names(cell): cell for cell in cells}
+
+    @property
+    def planned(self) -> int:
+        """How many trials the experiment has when it is finished."""
+        return int(self.run["configuration"].get("trials", 0)) * len(self.cells)
+
+
+def read(folder: Path) -> Summary:
+    """Read an experiment's folder, or the one of a single run.
+
+    Raises:
+        InputError: it is no such folder, holds no finished trial yet, or something in it is broken.
+    """
+    run = _run(folder)
+    if (folder / results.TRIALS_FILE).is_file():
+        return _read(folder, run)
+    path = folder / journal.FILE
+    offsets = [entry.offset for entry in journal.scan(path)] if path.is_file() else []
+    if not offsets:
+        raise InputError(f"'{folder}' holds no finished trial yet: look again when one has ended")
+    rows = list(journal.rows_at(path, iter(offsets)))
+    places = {names: n for n, names in enumerate(map(_names, run["configuration"]["cells"]))}
+    rows.sort(key=lambda r: (places.get(_names_of(r.trial), len(places)), r.trial["seed"]))
+    with TemporaryDirectory() as derived:
+        results.write_rows(Path(derived), rows)
+        return _read(Path(derived), run)
+
+
+def _read(folder: Path, run: Document) -> Summary:
+    spent: dict[str, Row] = {}
+    for executions in results.each_trials_executions(folder):
+        found = _spent(executions)
+        if found is not None:
+            spent[executions[0]["trial_id"]] = found
+    return Summary(
+        run=run,
+        tables=tables.build(folder),
+        trials=results.read_trials(folder).to_pylist(),
+        spent=spent,
+    )
+
+
+def _spent(executions: Sequence[Row]) -> Row | None:
+    """What one trial's executions spent on a model; None: no model was asked."""
+    totals = {}
+    for name in _SPENT:
+        known = [e[name] for e in executions if e.get(name) is not None]
+        totals[name] = sum(known) if known else None
+    return totals if totals["tokens"] or totals["latency_s"] else None
+
+
+def _run(folder: Path) -> Document:
+    path = folder / RUN
+    try:
+        run = json.loads(path.read_bytes())
+        cells = run["configuration"]["cells"]
+        for cell in cells:
+            _names(cell)
+    except OSError as error:
+        raise InputError(
+            f"'{path}' cannot be read: {error.strerror}; name the result folder of `pliant"
+            " experiment` or `pliant run`"
+        ) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"'{path}' is broken ({error!r}): name the result folder of `pliant experiment` or"
+            " `pliant run`"
+        ) from error
+    return run
+
+
+def _names(cell: Document) -> Names:
+    task = cell["task"]
+    return task["level"], task["peg"]["name"], cell["condition"]["name"], cell["reasoner"]
+
+
+def _names_of(trial: Row) -> Names:
+    return trial["level"], trial["peg"], trial["condition"], trial["reasoner"]

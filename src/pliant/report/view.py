@@ -1,0 +1,95 @@
+"""The pages of a run: the experiment's, and one for each trial whose record was kept."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from pliant import store
+from pliant.errors import InputError
+from pliant.records import Trial
+from pliant.report import overview, summary, trial
+from pliant.teaching import Teaching
+
+_HOME = f"../../{trial.PAGE}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Viewed:
+    """The page to open; how many trials' pages were made, how many of them without goal pictures,
+    and how many were up to date; and what is wrong with the trials that have none."""
+
+    page: Path
+    made: int
+    kept: int
+    without_goals: int
+    problems: tuple[str, ...]
+
+
+def view(
+    folder: Path,
+    teachings: Sequence[Teaching],
+    *,
+    film: bool = False,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> Viewed:
+    """Make the pages of an experiment or a single run, or of the one trial stored in `folder`;
+    pages that are up to date stay. `teachings` are searched for each trial's goals; `film` draws
+    missing videos too. A trial whose record is broken gets no page, and is named.
+
+    Raises:
+        InputError: the folder holds no results, or they are broken; it cannot be written.
+    """
+    if (folder / store.TRIAL).is_file():
+        run = folder.resolve().parent.parent
+        home = _HOME if (run / store.RUN).is_file() and (run / trial.PAGE).is_file() else None
+        return _viewed(folder, Counter([_show(folder, teachings, film, home)]), [])
+    found = summary.read(folder)
+    stored = sorted(path.parent for path in (folder / trial.TRIALS).glob(f"*/{store.TRIAL}"))
+    counts, pages, problems = Counter[_Page](), set(), []
+    for n, one in enumerate(stored):
+        progress(n, len(stored))
+        try:
+            counts[_show(one, teachings, film, _HOME)] += 1
+            pages.add(one.name)
+        except InputError as error:
+            problems.append(str(error))
+    text = overview.render(found, folder.resolve().name, pages)
+    store.write_bytes(folder / trial.PAGE, text.encode())
+    return _viewed(folder, counts, problems)
+
+
+class _Page(Enum):
+    KEPT = "up to date"
+    MADE = "made"
+    WITHOUT_GOALS = "made without goal pictures"
+
+
+def _show(folder: Path, teachings: Sequence[Teaching], film: bool, home: str | None) -> _Page:
+    """Make a trial's page, unless it is up to date."""
+    lacks_video = film and not (folder / trial.VIDEO).is_file()
+    if not lacks_video and trial.is_shown(folder, home):
+        return _Page.KEPT
+    stored = store.load_trial(folder)
+    taught = _taught(stored, teachings)
+    trial.show(folder, stored, taught, film=film, home=home)
+    return _Page.WITHOUT_GOALS if taught is None else _Page.MADE
+
+
+def _viewed(folder: Path, counts: Counter[_Page], problems: Sequence[str]) -> Viewed:
+    return Viewed(
+        page=folder / trial.PAGE,
+        made=counts[_Page.MADE] + counts[_Page.WITHOUT_GOALS],
+        kept=counts[_Page.KEPT],
+        without_goals=counts[_Page.WITHOUT_GOALS],
+        problems=tuple(problems),
+    )
+
+
+def _taught(stored: Trial, teachings: Sequence[Teaching]) -> Teaching | None:
+    """The teaching whose goals the trial had; None: it is not among these."""
+    for teaching in teachings:
+        if teaching.for_task(stored.task).goals == stored.goals:
+            return teaching
+    return None
