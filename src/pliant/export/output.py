@@ -1,0 +1,83 @@
+"""Where an export goes: a new folder, whole or not at all, with a card that says what it is."""
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from pliant.errors import InputError
+from pliant.export.source import HELD_OUT, Source
+
+CARD = "README.md"
+LICENCE = "apache-2.0"
+
+
+@contextmanager
+def filling(path: Path) -> Iterator[Path]:
+    """A folder to fill. It becomes `path` when the block ends well, and goes when it does not.
+
+    Raises:
+        InputError: `path` holds something already, or cannot be written.
+    """
+    check_new(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        partial.mkdir(parents=True)
+        yield partial
+        if path.exists():
+            path.rmdir()
+        partial.rename(path)
+    except OSError as error:
+        raise InputError(
+            f"'{path}' cannot be written: {error.strerror or error}; choose another folder"
+        ) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def check_new(path: Path) -> None:
+    """Refuse to write over anything but an empty folder.
+
+    Raises:
+        InputError: there is something.
+    """
+    try:
+        taken = path.exists() and not (path.is_dir() and not any(path.iterdir()))
+    except OSError as error:
+        raise InputError(f"'{path}' cannot be used: {error.strerror}; choose another") from error
+    if taken:
+        raise InputError(f"'{path}' exists already: nothing is overwritten, choose a new name")
+
+
+def origin(source: Source) -> list[str]:
+    """Where the data came from, as lines of Markdown."""
+    run, configuration = source.run, source.run.get("configuration", {})
+    commit = run.get("commit") or "not recorded (an installed pliant)"
+    changed = ", with changes that were not committed" if run.get("dirty") else ""
+    versions = ", ".join(f"{name} {v}" for name, v in run.get("versions", {}).items())
+    return [
+        f"- Run: `{source.folder.resolve().name}`, begun {run.get('started')}, fingerprint"
+        f" `{configuration.get('fingerprint', 'none')}`",
+        f"- Commit of pliant: `{commit}`{changed}",
+        f"- Versions: {versions}",
+        f"- Reasoners: {run.get('reasoner')}",
+        "- Licence: Apache-2.0, for the data as for the code",
+        "- Everything is simulated (MuJoCo); the arm's and the gripper's meshes come from MuJoCo"
+        " Menagerie.",
+    ]
+
+
+def split_rule() -> str:
+    return (
+        f"A trial is in `test` if its seed can be divided by {HELD_OUT}, else in `train`: pegs,"
+        " conditions and reasoners share their seeds, so no drawn setup is in both. Where a"
+        " condition draws nothing, every seed gives the same trial; these go together, with the"
+        " lowest of their seeds."
+    )
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """A Markdown table, as lines."""
+    lines = [header, ["---"] * len(header), *rows]
+    return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines]
