@@ -104,6 +104,7 @@ class Exchange:
     latency_s: float = 0.0
     cost_usd: float | None = None
     refused: str = ""
+    note: str = ""
 
     @property
     def tokens(self) -> int:

@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.experiment import plan, runner, tables
 from pliant.experiment.progress import Shown
@@ -29,6 +30,7 @@ def experiment(
     save: Annotated[Save, tyro.conf.EnumChoicesFromValues] = Save.NONE,
     time_limit_s: float = runner.TIME_LIMIT_S,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
+    model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
 ) -> int:
     """Run an experiment, or go on with one that was interrupted: the same command does both.
 
@@ -36,7 +38,8 @@ def experiment(
         file: an experiment file (YAML) with the same fields; options given here replace its own.
         pegs: shipped pegs or peg files.
         conditions: of none, friction, pose and all.
-        reasoners: rules, messages, sweep, retry, none, oracle, or your own (path/to/file.py:Class).
+        reasoners: rules, messages, sweep, retry, none, oracle, vlm, or your own
+            (path/to/file.py:Class).
         trials: per cell; default 30.
         first_seed: default 1; seeds pair across cells.
         level: the rung of the ladder.
@@ -47,6 +50,7 @@ def experiment(
         save: whose trials' full records to keep.
         time_limit_s: of one trial, after which its worker is ended.
         ranges: ranges in place of the conditions' own.
+        model: the model behind the reasoner vlm.
     """
     given = {
         "pegs": pegs,
@@ -56,6 +60,7 @@ def experiment(
         "first_seed": first_seed,
         "level": level,
         "goals": None if goals is None else str(goals),
+        "vlm": model.given or None,
     }
     overrides = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
     if file is not None:
@@ -63,6 +68,7 @@ def experiment(
     else:
         default = {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules"]}
         planned = plan.from_fields(default, overrides)
+    model.check(planned)
     console = Console()
     ended = runner.run(
         planned,
@@ -72,6 +78,8 @@ def experiment(
         save=save,
         time_limit_s=time_limit_s,
         watcher=Shown(planned, console),
+        record=model.record,
+        replay=model.replay,
     )
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")

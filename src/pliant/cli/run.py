@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from pliant.cell import Truth
+from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.errors import InputError
 from pliant.experiment import journal, plan, results, runner
@@ -40,6 +41,7 @@ def run(
     json: bool = False,
     live: bool = False,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
+    model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
 ) -> int:
     """Run one insertion and write its result folder.
 
@@ -47,7 +49,8 @@ def run(
         peg: circle, square, rectangle, or the path of a peg file (.yaml).
         condition: none, friction, pose or all: what is drawn at random.
         seed: decides every drawn quantity.
-        reasoner: rules, messages, sweep, retry, none, oracle, or your own as path/to/file.py:Class.
+        reasoner: rules, messages, sweep, retry, none, oracle, vlm, or your own as
+            path/to/file.py:Class.
         level: the rung of the ladder; L0 is the paper's grid.
         goals: a taught goals file in place of the shipped one.
         out: the result folder; default runs/ and the trial's name.
@@ -55,6 +58,7 @@ def run(
         json: print one line of JSON with the columns of trials.parquet, and nothing else.
         live: watch in MuJoCo's viewer, in real time; needs a screen.
         ranges: ranges in place of the condition's own.
+        model: the model behind the reasoner vlm.
     """
     fields = {
         "pegs": peg,
@@ -64,8 +68,12 @@ def run(
         "trials": 1,
         "first_seed": seed,
         "goals": None if goals is None else str(goals),
+        "vlm": model.given,
     }
     experiment = plan.from_fields(fields)
+    model.check(experiment)
+    if model.replay is None:
+        experiment.check_models()
     spec = next(experiment.specs())
     teaching = experiment.teaching()
     from pliant.report import trial as report
@@ -79,7 +87,14 @@ def run(
     runner.prepare(experiment, folder)
     teller = _Teller(Console(stderr=json, highlight=False, soft_wrap=True))
     teller.begin(spec)
-    trial = perform(spec, cell, teaching, on_execution=teller.tell)
+    trial = perform(
+        spec,
+        cell,
+        teaching,
+        on_execution=teller.tell,
+        record=model.record,
+        replay=model.replay,
+    )
     _store(experiment, folder, trial)
     page = folder / "trials" / trial.trial_id
     if not json and video:

@@ -3,12 +3,14 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from pliant.cell import Truth, Workcell
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
 from pliant.experiment.oracle import NAME, Oracle
-from pliant.reasoners import reasoner
+from pliant.reasoners import reasoner, vlm
+from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
 from pliant.skills.planar import Planar
@@ -19,12 +21,14 @@ from pliant.trial import Patience, Run
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Which trial: everything that decides its outcome."""
+    """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`; with
+    `vlm` it is what this model with these settings is called."""
 
     task: Task
     condition: Condition
     seed: int
     reasoner: str
+    vlm: Settings | None = None
 
     @property
     def trial_id(self) -> str:
@@ -39,12 +43,20 @@ def perform(
     *,
     limits: Limits | None = None,
     on_execution: Callable[[Execution, Truth], None] | None = None,
+    record: Path | None = None,
+    replay: Path | None = None,
 ) -> Trial:
     """Run a trial to its end. The truth goes into the record, never to the reasoner. A cell that
-    cannot even be prepared gives a trial without executions."""
+    cannot even be prepared gives a trial without executions. A VLM's conversations are kept in the
+    file `record`, or answered from the file `replay`.
+
+    Raises:
+        InputError: the reasoner cannot be made, or a recording cannot be used.
+    """
     started = time.perf_counter()
     setup = spec.condition.draw(spec.seed)
-    mind = _reasoner(spec.reasoner, cell, setup)
+    limits = limits or Limits()
+    mind = _reasoner(spec, cell, setup, limits, record, replay)
     teaching = teaching.for_task(spec.task)
     history: list[Execution] = []
     truths: list[Truth] = []
@@ -60,7 +72,7 @@ def perform(
             teaching=teaching,
             reasoner=mind,
             skill=Planar(taught=teaching.goals),
-            limits=limits or Limits(),
+            limits=limits,
             patience=Patience(),
         )
         for execution in run:
@@ -87,9 +99,20 @@ def perform(
     )
 
 
-def _reasoner(name: str, cell: Workcell, setup: Setup) -> Reasoner:
+def _reasoner(
+    spec: Spec,
+    cell: Workcell,
+    setup: Setup,
+    limits: Limits,
+    record: Path | None,
+    replay: Path | None,
+) -> Reasoner:
     """A reasoner; only the oracle, which is a control, is given the truth."""
-    return Oracle(truth=cell.truth, setup=setup) if name == NAME else reasoner(name)
+    if spec.vlm is not None:
+        return vlm(spec.vlm, name=spec.reasoner, limits=limits, record=record, replay=replay)
+    if spec.reasoner == NAME:
+        return Oracle(truth=cell.truth, setup=setup)
+    return reasoner(spec.reasoner)
 
 
 def _file_name(text: str) -> str:

@@ -8,6 +8,10 @@ where the cross product does not do, a list of cells:
     - {peg: circle, condition: [none, friction, pose, all], reasoner: none}
     - {peg: [circle, square, rectangle], condition: [none, friction, pose, all], reasoner: rules}
     - {peg: circle, condition: {name: windy, hole_y_mm: [-10, 10]}, reasoner: rules}
+    - {peg: circle, condition: all, reasoner: [vlm, {name: no picture, picture: false}]}
+    vlm: {model: "openai:gpt-4o"}
+
+`vlm` holds the settings of every VLM in the file; one with a name of its own changes some.
 """
 
 import hashlib
@@ -29,7 +33,10 @@ from pliant.experiment import oracle
 from pliant.experiment.one import Spec
 from pliant.formations import Formation
 from pliant.pose import Axis
-from pliant.reasoners import reasoner
+from pliant.reasoners import REASONERS, VLM, reasoner
+from pliant.reasoners import vlm as make_vlm
+from pliant.reasoners.vlm import settings as vlm_settings
+from pliant.reasoners.vlm.settings import Settings
 from pliant.records import SCHEMA
 from pliant.task import CONDITIONS, Condition, Task, condition, load_task
 from pliant.teaching import Teaching
@@ -45,7 +52,7 @@ QUANTITIES: Mapping[str, tuple[str, Axis | None]] = {
 """What a custom condition may set: its field's name, the quantity, the axis whose unit it has."""
 
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
-_FIELDS = (*_BLOCK, "level", "cells", "trials", "first_seed", "goals")
+_FIELDS = (*_BLOCK, "level", "cells", "trials", "first_seed", "goals", "vlm")
 _CELL_FIELDS = (*_BLOCK.values(), "level")
 _CANNOT_DECIDE = ("cli", "report", "export", "envs", "experiment", "store.py")
 _DECIDE = ("one.py", "oracle.py", "rows.py")  # of the experiment's own
@@ -53,11 +60,12 @@ _DECIDE = ("one.py", "oracle.py", "rows.py")  # of the experiment's own
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One cell of a table: a task, a condition, and who reasons."""
+    """One cell of a table: a task, a condition, and who reasons (as in `Spec`)."""
 
     task: Task
     condition: Condition
     reasoner: str
+    vlm: Settings | None = None
 
     @property
     def names(self) -> tuple[str, str, str, str]:
@@ -65,7 +73,13 @@ class Cell:
         return self.task.level, self.task.peg.name, self.condition.name, self.reasoner
 
     def spec(self, seed: int) -> Spec:
-        return Spec(task=self.task, condition=self.condition, seed=seed, reasoner=self.reasoner)
+        return Spec(
+            task=self.task,
+            condition=self.condition,
+            seed=seed,
+            reasoner=self.reasoner,
+            vlm=self.vlm,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +123,16 @@ class Experiment:
         """Raises InputError when the goals file cannot be used."""
         return teaching.shipped() if self.goals is None else teaching.load(Path(self.goals))
 
+    @property
+    def models(self) -> list[str]:
+        """The models that are asked, cell by cell."""
+        return [str(c.vlm.model) for c in self.cells if c.vlm is not None]
+
+    def check_models(self) -> None:
+        """Raises InputError when a model is unknown, or its library or key is missing."""
+        for settings in {c.vlm for c in self.cells if c.vlm is not None}:
+            make_vlm(settings)
+
     @cached_property
     def document(self) -> dict[str, Any]:
         """Everything that decides outcomes, as JSON: pegs and conditions in full, content hashes of
@@ -123,6 +147,7 @@ class Experiment:
                     "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
                     "reasoner": c.reasoner,
                     "reasoner_file": _reasoner_file(c.reasoner),
+                    "vlm": None if c.vlm is None else asdict(c.vlm),
                 }
                 for c in self.cells
             ],
@@ -175,7 +200,8 @@ def from_fields(
     """Build an experiment from the fields of an experiment file.
 
     Cells are the cross product of `pegs`, `conditions` and `reasoners`, then those under `cells`;
-    a cell that occurs twice counts once. A condition is a name or a mapping with a name and ranges.
+    a cell that occurs twice counts once. A condition is a name or a mapping with a name and ranges;
+    a reasoner is a name, or a mapping with a name and settings of the VLM.
 
     Raises:
         InputError: a field, a name or a value is not valid.
@@ -192,9 +218,10 @@ def from_fields(
         block.setdefault("level", given.get("level", "L0"))
         block.update({_BLOCK[k]: v for k, v in replaced.items() if k in _BLOCK})
         block.update({k: v for k, v in replaced.items() if k == "level"})
+    asked = {**_settings(given), **_settings(replaced)}
     cells: list[Cell] = []
     for block in blocks:
-        cells += [cell for cell in _cells(block) if cell not in cells]
+        cells += [cell for cell in _cells(block, asked) if cell not in cells]
     options = {**given, **replaced}
     goals = options.get("goals")
     if goals is not None and not isinstance(goals, str):
@@ -218,7 +245,14 @@ def _listed_cells(given: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [dict(b) for b in listed]
 
 
-def _cells(block: Mapping[str, Any]) -> Iterator[Cell]:
+def _settings(fields: Mapping[str, Any]) -> dict[str, Any]:
+    found = fields.get("vlm") or {}
+    if not isinstance(found, dict):
+        raise InputError(f"vlm is {found!r}: it must be settings, such as {{model: openai:gpt-4o}}")
+    return found
+
+
+def _cells(block: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[Cell]:
     """The cross product of a block whose entries are one value or a list of them."""
     for single in _BLOCK.values():
         if single not in block or block[single] in ([], None):
@@ -227,11 +261,29 @@ def _cells(block: Mapping[str, Any]) -> Iterator[Cell]:
     level = str(block["level"])
     tasks = [load_task(_name("peg", peg), level) for peg in pegs]
     drawn = [parse_condition(entry) for entry in conditions]
-    for name in reasoners:
-        if _name("reasoner", name) != oracle.NAME:
-            reasoner(name)  # refuses a name that cannot be used
-    for task, entry, name in product(tasks, drawn, reasoners):
-        yield Cell(task=task, condition=entry, reasoner=name)
+    minds = [_reasoner(entry, asked) for entry in reasoners]
+    for task, drawing, (name, settings) in product(tasks, drawn, minds):
+        yield Cell(task=task, condition=drawing, reasoner=name, vlm=settings)
+
+
+def _reasoner(entry: Any, asked: Mapping[str, Any]) -> tuple[str, Settings | None]:
+    """A reasoner's name, and its settings if it is a VLM: named vlm, or with settings of its own.
+
+    Raises:
+        InputError: the name cannot be used, or is taken; a setting is not valid.
+    """
+    if isinstance(entry, dict):
+        own = dict(entry)
+        name = _name("reasoner's name", own.pop("name", None))
+        if name in REASONERS or name == oracle.NAME:
+            raise InputError(f"reasoner '{name}' is no VLM: one with settings needs another name")
+        return name, vlm_settings.from_fields({**asked, **own})
+    name = _name("reasoner", entry)
+    if name == VLM:
+        return name, vlm_settings.from_fields(asked)
+    if name != oracle.NAME:
+        reasoner(name)  # refuses a name that cannot be used
+    return name, None
 
 
 def parse_condition(entry: Any) -> Condition:

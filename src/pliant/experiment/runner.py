@@ -53,22 +53,28 @@ def run(
     save: Save = Save.NONE,
     time_limit_s: float = TIME_LIMIT_S,
     watcher: Watcher | None = None,
+    record: Path | None = None,
+    replay: Path | None = None,
     work: Work = perform_job,
 ) -> Finished:
     """Perform what is missing of an experiment in `folder`, then write its Parquet files.
 
     `workers` None: every core. `ray`: a cluster's address instead; its nodes must share `folder`
     if trials are saved. A trial that outlasts `time_limit_s` or kills its worker is tried three
-    times in all, then recorded as `fault:timeout` or `fault:worker`. Ctrl-C ends it early.
+    times in all, then recorded as `fault:timeout` or `fault:worker`. Ctrl-C ends it early. `record`
+    and `replay` are folders for the conversations with a VLM, a file per trial.
 
     Raises:
         InputError: the folder holds something else, another configuration, or a damaged journal;
-            something cannot be written; no worker can start; the cluster does not answer.
+            something cannot be written; no worker can start; the cluster does not answer; a model
+            cannot be made.
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}: it must be at least 1")
     if not time_limit_s > 0:
         raise InputError(f"the time limit is {time_limit_s:g} s: it must be above 0")
+    if replay is None:
+        experiment.check_models()
     prepare(experiment, folder)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
@@ -82,7 +88,14 @@ def run(
         if resumed:
             seen.say(f"resuming: {resumed} of {len(experiment)} trials are there")
         jobs = (
-            Job(spec=spec, goals=experiment.goals, folder=folder, save=save)
+            Job(
+                spec=spec,
+                goals=experiment.goals,
+                folder=folder,
+                save=save,
+                record=record,
+                replay=replay,
+            )
             for spec, offset in zip(experiment.specs(), place.offsets, strict=True)
             if offset < 0
         )
@@ -117,7 +130,7 @@ def prepare(experiment: Experiment, folder: Path) -> None:
             folder,
             configuration=document,
             reasoner=", ".join(dict.fromkeys(c.reasoner for c in experiment.cells)),
-            model=None,
+            model=", ".join(dict.fromkeys(experiment.models)) or None,
         )
         return
     before = _configuration(run_file)

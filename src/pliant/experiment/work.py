@@ -32,12 +32,15 @@ class Save(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One trial for a worker: `goals` as in the experiment, `folder` the run's."""
+    """One trial for a worker: `goals` as in the experiment, `folder` the run's. `record` and
+    `replay` are folders with one recording per trial."""
 
     spec: Spec
     goals: str | None
     folder: Path
     save: Save
+    record: Path | None = None
+    replay: Path | None = None
 
 
 def perform_job(job: Job) -> Rows:
@@ -47,7 +50,13 @@ def perform_job(job: Job) -> Rows:
         InputError: there is no OpenGL, or the record cannot be written.
     """
     cell = _cell(job.spec.task)
-    trial = perform(job.spec, cell, _teaching(job.goals))
+    trial = perform(
+        job.spec,
+        cell,
+        _teaching(job.goals),
+        record=_recording(job.record, job.spec),
+        replay=_recording(job.replay, job.spec),
+    )
     rows = rows_of(trial)
     if job.save.wants(rows):
         from pliant.sim import replay
@@ -56,6 +65,10 @@ def perform_job(job: Job) -> Rows:
         store.save_trial(folder, trial)
         replay.save(folder, cell.trajectory())
     return rows
+
+
+def _recording(folder: Path | None, spec: Spec) -> Path | None:
+    return None if folder is None or spec.vlm is None else folder / f"{spec.trial_id}.jsonl"
 
 
 @lru_cache(maxsize=_KEPT_CELLS)

@@ -1,14 +1,18 @@
-"""Reasoners by name: the controls, the rules, or a user's own as `my_reasoner.py:Mine`."""
+"""Reasoners by name: the controls, the rules, a VLM, or a user's own as `my_reasoner.py:Mine`."""
 
 import importlib.util
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from pliant.envelope import Limits
 from pliant.errors import InputError, unknown
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
+from pliant.reasoners.vlm.settings import Settings
 from pliant.recovery import Reasoner
+
+VLM = "vlm"
 
 REASONERS: Mapping[str, type[Rules]] = {
     "rules": Rules,
@@ -32,7 +36,7 @@ def reasoner(name: str) -> Reasoner:
         raise unknown(
             "reasoner",
             name,
-            REASONERS,
+            [*REASONERS, VLM],
             "in simulation oracle, or your own as path/to/file.py:Class",
         )
     spec = importlib.util.spec_from_file_location(f"pliant_user_{Path(path).stem}", path)
@@ -49,3 +53,38 @@ def reasoner(name: str) -> Reasoner:
         if not hasattr(made, method):
             raise InputError(f"reasoner '{name}' lacks '{method}'; see pliant.recovery.Reasoner")
     return made
+
+
+def vlm(
+    settings: Settings,
+    *,
+    name: str = VLM,
+    limits: Limits | None = None,
+    record: Path | None = None,
+    replay: Path | None = None,
+) -> Reasoner:
+    """Make a reasoner that asks a vision-language model; one per trial. `name` signs its verdicts.
+    `record` is a file to keep its conversations in, `replay` one to answer from without a network.
+
+    Raises:
+        InputError: the extra is not installed, the model is unknown or lacks its key, or a
+            recording cannot be used.
+    """
+    try:
+        from pliant.reasoners.vlm.reasoner import Vlm
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != "pydantic_ai":
+            raise
+        raise InputError(
+            "the reasoner vlm needs the extra 'vlm': pip install 'pliant[vlm]'"
+        ) from error
+    from pliant.reasoners.vlm.models import model_of, recorded
+    from pliant.reasoners.vlm.tape import NoTape, Recorder, Replayer
+
+    limits = limits or Limits()
+    if replay is not None:
+        tape = Replayer(replay)
+        return Vlm(settings=settings, limits=limits, name=name, tape=tape, asked=recorded(tape))
+    asked = model_of(settings)
+    kept = NoTape() if record is None else Recorder(record)
+    return Vlm(settings=settings, limits=limits, name=name, tape=kept, asked=asked)

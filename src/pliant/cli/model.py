@@ -1,0 +1,38 @@
+"""Options that choose a VLM and what it is told, the same for every command that reasons."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from pliant.errors import InputError
+from pliant.experiment.plan import Experiment
+from pliant.reasoners.vlm.settings import Settings
+
+_DEFAULT = Settings()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions:
+    """The model behind the reasoner `vlm`, and where its conversations are kept."""
+
+    vlm: Annotated[Settings, tyro.conf.arg(name=""), tyro.conf.EnumChoicesFromValues] = _DEFAULT
+    record: Path | None = None
+    """Keep every request and reply here: a file, or for many trials a folder."""
+    replay: Path | None = None
+    """Answer from a recording, without a network."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The settings that differ from their defaults, as fields of an experiment."""
+        default = asdict(_DEFAULT)
+        return {k: v for k, v in asdict(self.vlm).items() if v != default[k]}
+
+    def check(self, experiment: Experiment) -> None:
+        """Raises InputError when options for a model are given and no reasoner asks one."""
+        given = [name for name in ("record", "replay") if getattr(self, name) is not None]
+        given += self.given
+        if given and not experiment.models:
+            option = given[0].replace("_", "-")
+            raise InputError(f"--{option} is for a VLM, and no reasoner is one: add vlm to them")

@@ -1,0 +1,151 @@
+"""One decision asked of a model: sent, validated, asked again once, within one deadline.
+
+The arm is at rest meanwhile. Whatever a server does, the answer comes back in bounded time: a
+usable reply, or why there is none.
+"""
+
+import asyncio
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as WaitedLong
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel
+from pydantic_ai import Agent, ModelRetry, NativeOutput, PromptedOutput, ToolOutput
+from pydantic_ai.exceptions import AgentRunError
+from pydantic_ai.messages import UserContent
+from pydantic_ai.settings import ModelSettings
+
+from pliant.errors import PliantError
+from pliant.reasoners.vlm.settings import Output, Settings
+from pliant.reasoners.vlm.wire import Call, Wire
+from pliant.records import Exchange
+
+T = TypeVar("T", bound=BaseModel)
+_AGAIN = 1  # times a refused reply is asked for again
+_GRACE_S = 5.0  # beyond the deadline, for a client that does not heed it
+_TAG = {Output.TOOL: ToolOutput, Output.NATIVE: NativeOutput, Output.PROMPTED: PromptedOutput}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer(Generic[T]):
+    """What became of a question: `value` None where there is no usable reply, and `problem` says
+    why; `refused` is then the last reply that could at least be read."""
+
+    value: T | None
+    problem: str
+    refused: T | None
+    exchanges: tuple[Exchange, ...]
+
+
+def ask(
+    wire: Wire,
+    settings: Settings,
+    *,
+    stage: str,
+    instructions: str,
+    content: Sequence[UserContent],
+    reply: type[T],
+    deadline_s: float,
+    check: Callable[[T], str | None] = lambda _: None,
+) -> Answer[T]:
+    """Ask for a `reply`; `check` says why one cannot be used, and the model is told so once.
+
+    Raises:
+        InputError: a recording does not fit, or cannot be written.
+    """
+    agent: Agent[None, Any] = Agent(
+        wire,
+        output_type=_TAG[settings.output_mode](reply, name=stage),
+        instructions=instructions,
+        retries={"output": _AGAIN},
+        model_settings=ModelSettings(
+            temperature=settings.temperature,
+            max_tokens=settings.reply_tokens,
+            timeout=deadline_s,
+            max_retries=0,  # of the client's own: the wire counts them
+        ),
+    )
+    refusals: list[str] = []
+    read: list[T] = []
+
+    @agent.output_validator
+    def usable(value: T) -> T:
+        read.append(value)
+        why = check(value)
+        if why is not None:
+            refusals.append(why)
+            raise ModelRetry(f"This cannot be done: {why}. Answer again.")
+        return value
+
+    async def answered() -> T:
+        return (await asyncio.wait_for(agent.run(list(content)), deadline_s)).output
+
+    before = len(wire.calls)
+    value, problem = None, ""
+    future = asyncio.run_coroutine_threadsafe(answered(), _loop())
+    try:
+        value = future.result(deadline_s + _GRACE_S)
+    except PliantError:
+        raise
+    except (TimeoutError, WaitedLong):
+        problem = f"no usable reply within {deadline_s:g} s"
+    except AgentRunError as error:
+        problem = refusals[-1] if refusals and len(read) > _AGAIN else _one_line(error)
+    except Exception as error:  # a server may send anything, and a client library raise anything
+        problem = f"{type(error).__name__}: {_one_line(error)}"
+    finally:
+        _give_up(future)
+    return Answer(
+        value=value,
+        problem=problem,
+        refused=None if value is not None or not read else read[-1],
+        exchanges=_exchanges(stage, wire.calls[before:], problem),
+    )
+
+
+def _give_up(future: "Future[Any]") -> None:
+    """End a conversation that still runs: the deadline passed, or Ctrl-C was pressed."""
+    if not future.done():
+        future.cancel()
+
+
+@cache
+def _loop() -> asyncio.AbstractEventLoop:
+    """One event loop in a thread of its own for the process: a notebook already runs one."""
+    loop = asyncio.new_event_loop()
+    threading.Thread(target=loop.run_forever, name="vlm", daemon=True).start()
+    return loop
+
+
+def _exchanges(stage: str, calls: Sequence[Call], problem: str) -> tuple[Exchange, ...]:
+    """The calls as records. One that another followed was refused, for what that one was told."""
+    exchanges = [
+        Exchange(
+            stage=stage,
+            request=call.request,
+            reply=call.reply,
+            model=call.model,
+            pictures=call.pictures,
+            input_tokens=call.input_tokens,
+            cached_tokens=call.cached_tokens,
+            output_tokens=call.output_tokens,
+            latency_s=call.latency_s,
+            cost_usd=call.cost_usd,
+            refused=call.error,
+            note=call.note,
+        )
+        for call in calls
+    ]
+    for n, following in enumerate(exchanges[1:]):
+        exchanges[n] = replace(exchanges[n], refused=_one_line(following.request))
+    if exchanges and problem and not exchanges[-1].refused:
+        exchanges[-1] = replace(exchanges[-1], refused=problem)
+    return tuple(exchanges)
+
+
+def _one_line(error: Exception | str) -> str:
+    return " ".join(str(error).split())[:500]

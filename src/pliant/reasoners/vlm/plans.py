@@ -1,0 +1,136 @@
+"""From a model's reply to steps: compiled, held against the analysis, clamped (Sec. IV-B).
+
+Nothing here repairs a reply in silence. What may not be done is refused with a reason that goes
+back to the model.
+"""
+
+from dataclasses import replace
+
+from pydantic import BaseModel
+
+from pliant.envelope import Limits
+from pliant.formations import OWNED, RECOVERABLE, Formation, Step
+from pliant.pose import Axis, Partial
+from pliant.reasoners.vlm.replies import AbsolutePlan, Analysis, BoundedPlan
+from pliant.records import Case, FailureAnalysis, Recovery
+from pliant.recovery import admit
+
+_NO_MOTION_M = 0.0005  # a change or a suggestion smaller than this has no direction
+_STOP = "stop"
+
+
+def analysis_of(reply: Analysis) -> FailureAnalysis:
+    motion = {Axis.Y: reply.y_motion_mm * 1e-3, Axis.Z: reply.z_motion_mm * 1e-3}
+    return FailureAnalysis(
+        what=reply.what_happened,
+        why=reply.why,
+        how=reply.how_to_recover,
+        motion={axis: value for axis, value in motion.items() if value},
+    )
+
+
+def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
+    """The steps that a plan in either form names; none: stop."""
+    if isinstance(reply, AbsolutePlan):
+        return tuple(
+            Step(
+                formation=Formation(step.skill),
+                goal={OWNED[Formation(step.skill)][0]: step.goal_mm * 1e-3},
+                retreat=step.retreat_first,
+            )
+            for step in reply.steps
+        )
+    assert isinstance(reply, BoundedPlan)
+    if reply.resume_from == _STOP:
+        return ()
+    start = Formation(reply.resume_from)
+    changes = {
+        Formation.FIT: reply.fit_y_change_mm,
+        Formation.ALIGN: reply.align_y_change_mm,
+        Formation.INSERTION: reply.insertion_z_change_mm,
+    }
+    return tuple(
+        Step(
+            formation=formation,
+            goal={
+                axis: value + changes[formation] * 1e-3
+                for axis, value in case.goals.formations[formation].items()
+            },
+            retreat=reply.retreat_first and formation is start,
+        )
+        for formation in RECOVERABLE
+        if formation.order >= start.order
+    )
+
+
+def refusal(recovery: Recovery, case: Case, limits: Limits, step_limit_m: float) -> str | None:
+    """Why a plan may not be done, in words for the model; None: it may."""
+    if not recovery.steps:
+        return None
+    for step in recovery.steps:
+        metres = _looks_like_metres(step, case)
+        if metres is not None:
+            return metres
+    tighter = replace(limits, goal_step_m=min(limits.goal_step_m, step_limit_m))
+    refused = admit(recovery, case, tighter).refusals
+    if refused:
+        return refused[0]
+    if recovery.steps[-1].formation is not Formation.INSERTION:
+        return f"a plan ends with {Formation.INSERTION}"
+    return _against_analysis(recovery.steps[0], recovery.analysis.motion, case)
+
+
+def _looks_like_metres(step: Step, case: Case) -> str | None:
+    """A goal of -0.035 mm where -35 mm is in force: asked again, never rescaled."""
+    for axis, value in step.goal.items():
+        told, current = value * 1e3, case.goals.formations[step.formation][axis] * 1e3
+        if abs(told * 1e3 - current) < abs(told - current):
+            return f"{step.formation}: goal_mm is {told:g}, which looks like metres; give mm"
+    return None
+
+
+def _against_analysis(step: Step, suggested: Partial, case: Case) -> str | None:
+    """The plan's first change against the analysis's direction."""
+    for axis, change in changes(step, case).items():
+        told = suggested.get(axis, 0.0)
+        if abs(change) > _NO_MOTION_M and abs(told) > _NO_MOTION_M and change * told < 0:
+            return (
+                f"{step.formation}: changes {axis} by {axis.to_report(change):+.1f} mm, but the"
+                f" analysis says {axis.to_report(told):+.1f} mm"
+            )
+    return None
+
+
+def changes(step: Step, case: Case) -> Partial:
+    """How far a step moves its formation's goal in force."""
+    current = case.goals.formations[step.formation]
+    return {axis: value - current[axis] for axis, value in step.goal.items()}
+
+
+def clamped(
+    recovery: Recovery, evidence: Recovery | None, case: Case, limits: Limits, most_m: float
+) -> Recovery | None:
+    """A refused plan with each change cut down to `most_m`, where its first step goes the way that
+    the evidence points, which is the rules' plan's; None: it does not, or may still not be done."""
+    if not recovery.steps or evidence is None or not evidence.steps:
+        return None
+    first, right = recovery.steps[0], evidence.steps[0]
+    if first.formation is not right.formation or not _same_way(first, right, case):
+        return None
+    steps = tuple(
+        replace(
+            step,
+            goal={
+                axis: case.goals.formations[step.formation][axis] + max(-most_m, min(most_m, by))
+                for axis, by in changes(step, case).items()
+            },
+        )
+        for step in recovery.steps
+    )
+    cut = replace(recovery, steps=steps, clamped=recovery.steps)
+    return None if refusal(cut, case, limits, most_m + _NO_MOTION_M) else cut
+
+
+def _same_way(first: Step, right: Step, case: Case) -> bool:
+    wanted = changes(right, case)
+    return all(by * wanted.get(axis, 0.0) > 0 for axis, by in changes(first, case).items())

@@ -1,0 +1,228 @@
+"""The reasoner that asks a vision-language model (protocol `pliant.recovery.Reasoner`).
+
+Judge, analyse, plan, as in Sec. IV. A model is never trusted: its plan passes the same admission as
+any other and is refused with a reason once; refused again it is cut down where the evidence points
+the same way, else the rules answer in its place. The record says which.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+from pydantic import BaseModel
+from pydantic_ai.messages import UserContent
+from pydantic_ai.models import Model
+
+from pliant.envelope import Limits
+from pliant.formations import Formation
+from pliant.reasoners.rules import Rules
+from pliant.reasoners.vlm import plans, prompt
+from pliant.reasoners.vlm.conversation import Answer, ask
+from pliant.reasoners.vlm.replies import (
+    AbsolutePlan,
+    Analysis,
+    Judgement,
+    bounded_plan,
+    with_analysis,
+)
+from pliant.reasoners.vlm.settings import Decider, Plans, Settings
+from pliant.reasoners.vlm.tape import NoTape, Tape
+from pliant.reasoners.vlm.wire import Budget, Wire
+from pliant.records import Case, Exchange, FailureAnalysis, Recovery, Verdict
+
+T = TypeVar("T", bound=BaseModel)
+_SILENT = 3  # decisions in a row without any reply, after which the trial asks no more
+_VOTE = {"success": True, "failure": False, "not available": None}
+
+
+@dataclass(kw_only=True)
+class Vlm:
+    """One trial's conversations with the model `asked`."""
+
+    settings: Settings
+    asked: Model
+    limits: Limits = field(default_factory=Limits)
+    name: str = "vlm"
+    tape: Tape = field(default_factory=NoTape)
+    rules: Rules = field(default_factory=Rules)
+    _silent: int = 0
+
+    def __post_init__(self) -> None:
+        self._wire = Wire(self.asked, Budget(self.settings), self.tape)
+
+    @property
+    def model(self) -> str:
+        return self.settings.model or self.asked.model_name
+
+    # --- judging ---------------------------------------------------------------------------------
+
+    def judge(self, case: Case) -> Verdict:
+        settings = self.settings
+        if settings.judge is Decider.RULES:
+            return self.rules.judge(case)
+        if settings.skip_agreed:
+            agreed = _agreed(case)
+            if agreed is not None:
+                return agreed
+        is_insertion = case.outcome.step.formation is Formation.INSERTION
+        answer = self._ask(
+            case,
+            "judge",
+            prompt.situation(case, settings, goal_picture=settings.goal_picture and is_insertion),
+            Judgement,
+            ("judge",),
+            self._deadline(),
+        )
+        said = answer.value
+        if said is not None:
+            return Verdict(
+                success=said.success,
+                reason=said.reason,
+                votes={
+                    name: _VOTE[getattr(said, name)]
+                    for name in ("pose_check", "compression_check", "table_i", "picture")
+                },
+                conflict=said.conflict or None,
+                by=self.name,
+                exchanges=answer.exchanges,
+            )
+        if settings.fallback:
+            verdict = self.rules.judge(case)
+            return replace(verdict, exchanges=answer.exchanges, fallback=answer.problem)
+        return Verdict(
+            success=False,
+            reason=f"the model gave no verdict: {answer.problem}",
+            votes={},
+            conflict=None,
+            by=self.name,
+            exchanges=answer.exchanges,
+        )
+
+    # --- recovering ------------------------------------------------------------------------------
+
+    def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
+        if self.settings.recover is Decider.RULES:
+            return self.rules.recover(case, verdict)
+        until = self._deadline()
+        if self.settings.one_call:
+            return self._planned(case, verdict, None, (), until)
+        content = prompt.situation(case, self.settings, verdict=verdict)
+        answer = self._ask(case, "analyse", content, Analysis, ("analyse",), until)
+        if answer.value is None:
+            return self._instead(case, verdict, None, answer.problem, answer.exchanges)
+        analysis = plans.analysis_of(answer.value)
+        return self._planned(case, verdict, analysis, answer.exchanges, until)
+
+    def _planned(
+        self,
+        case: Case,
+        verdict: Verdict,
+        analysis: FailureAnalysis | None,
+        before: tuple[Exchange, ...],
+        until: float,
+    ) -> Recovery | None:
+        """The executable plan; with `analysis` None the same reply holds the analysis."""
+        settings = self.settings
+        plan: type[BaseModel] = (
+            AbsolutePlan
+            if settings.plan is Plans.ABSOLUTE
+            else bounded_plan(settings.step_limit_mm)
+        )
+        asked = ("analyse",) if analysis is None else ()
+        reply = with_analysis(plan) if analysis is None else plan
+
+        def proposal(said: BaseModel) -> Recovery:
+            if isinstance(said, Analysis):
+                told = plans.analysis_of(said)
+            else:
+                assert analysis is not None, "a reply without an analysis follows one"
+                told = analysis
+            return Recovery(analysis=told, steps=plans.steps_of(said, case), by=self.name)
+
+        answer = self._ask(
+            case,
+            "plan",
+            prompt.situation(case, settings, verdict=verdict, analysis=analysis),
+            reply,
+            (*asked, f"plan_{settings.plan}"),
+            until,
+            check=lambda said: plans.refusal(
+                proposal(said), case, self.limits, settings.step_limit_mm * 1e-3
+            ),
+        )
+        exchanges = before + answer.exchanges
+        if answer.value is not None:
+            return replace(proposal(answer.value), exchanges=exchanges)
+        refused = None if answer.refused is None else proposal(answer.refused)
+        return self._instead(case, verdict, refused, answer.problem, exchanges)
+
+    def _instead(
+        self,
+        case: Case,
+        verdict: Verdict,
+        refused: Recovery | None,
+        problem: str,
+        exchanges: tuple[Exchange, ...],
+    ) -> Recovery | None:
+        """What is done where the model gave no plan that may be done."""
+        if not self.settings.fallback:
+            stop = FailureAnalysis(
+                what=verdict.reason, why=f"no usable plan: {problem}", how="stop", motion={}
+            )
+            return Recovery(analysis=stop, steps=(), by=self.name, exchanges=exchanges)
+        evidence = self.rules.recover(case, verdict)
+        if refused is not None:
+            most = self.settings.clamp_mm * 1e-3
+            cut = plans.clamped(refused, evidence, case, self.limits, most)
+            if cut is not None:
+                return replace(cut, exchanges=exchanges)
+        if evidence is None:
+            return None
+        return replace(evidence, exchanges=exchanges, fallback=problem)
+
+    # --- asking ----------------------------------------------------------------------------------
+
+    def _deadline(self) -> float:
+        return time.monotonic() + self.settings.deadline_s
+
+    def _ask(
+        self,
+        case: Case,
+        stage: str,
+        content: Sequence[UserContent],
+        reply: type[T],
+        asked: tuple[str, ...],
+        until: float,
+        check: Callable[[T], str | None] = lambda _: None,
+    ) -> Answer[T]:
+        if self._silent >= _SILENT:
+            why = f"not asked: the model was silent {_SILENT} times in a row"
+            return Answer(value=None, problem=why, refused=None, exchanges=())
+        left = until - time.monotonic()
+        if left <= 0:
+            why = f"no time left of the {self.settings.deadline_s:g} s for this decision"
+            return Answer(value=None, problem=why, refused=None, exchanges=())
+        answer = ask(
+            self._wire,
+            self.settings,
+            stage=stage,
+            instructions=prompt.instructions(self.settings, case.task, *asked),
+            content=content,
+            reply=reply,
+            deadline_s=left,
+            check=check,
+        )
+        heard = any(exchange.reply for exchange in answer.exchanges)
+        self._silent = 0 if heard else self._silent + 1
+        return answer
+
+
+def _agreed(case: Case) -> Verdict | None:
+    """The verdict of checks that all say the same; None: they do not, or one could not be made."""
+    votes = case.evidence.votes
+    if None in votes.values() or len(set(votes.values())) != 1:
+        return None
+    success = True in votes.values()
+    reason = "; ".join(f"{c.name}: {c.message}" for c in case.evidence.checks)
+    return Verdict(success=success, reason=reason, votes=votes, conflict=None, by="checks")

@@ -1,0 +1,169 @@
+"""What can be chosen about a vision-language model as the reasoner: which one, what it is shown,
+what it decides, how it answers, and what it may spend. Needs no model's library."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from functools import lru_cache
+from typing import Any
+from urllib.parse import urlsplit
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from pliant.errors import InputError, unknown
+
+
+class Plans(StrEnum):
+    """How the model writes a plan."""
+
+    BOUNDED = "bounded"  # where to resume, and whole-millimetre changes within bounds
+    ABSOLUTE = "absolute"  # the paper's: a list of skills with absolute goals
+
+
+class Output(StrEnum):
+    """How a reply's structure is asked for."""
+
+    TOOL = "tool"  # function calling, as in the paper
+    NATIVE = "native"  # the server enforces a JSON schema
+    PROMPTED = "prompted"  # the schema stands in the prompt
+
+
+class Decider(StrEnum):
+    VLM = "vlm"
+    RULES = "rules"
+
+
+class Detail(StrEnum):
+    """Resolution at which a hosted model looks at pictures."""
+
+    LOW = "low"
+    HIGH = "high"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Every choice about the VLM; they are fields of an experiment file and options of `run`.
+
+    Raises:
+        InputError: a value is out of range, or a web address is none or holds a password.
+    """
+
+    __pydantic_config__ = ConfigDict(strict=False, extra="forbid")
+
+    model: str | None = None
+    """Provider and name, such as openai:gpt-4o; with `base_url` the name the server knows."""
+    base_url: str | None = None
+    """An OpenAI-compatible server, such as http://localhost:8000/v1; a key is read from
+    PLIANT_VLM_KEY."""
+    output: Output | None = None
+    """tool, native or prompted; None: native with `base_url`, else tool."""
+    plan: Plans = Plans.BOUNDED
+    """The form of a plan: bounded, or absolute as in the paper."""
+    judge: Decider = Decider.VLM
+    """Who judges: vlm or rules."""
+    recover: Decider = Decider.VLM
+    """Who analyses and plans: vlm or rules."""
+    picture: bool = True
+    """Show the picture taken after the skill."""
+    goal_picture: bool = True
+    """Show the goal picture when Insertion is judged."""
+    pose_check: bool = True
+    """Tell what the pose check found."""
+    table_i: bool = True
+    """Tell Table I's message."""
+    measurements: bool = False
+    """Tell what was measured in millimetres, which the paper's model was not told."""
+    history: int = 5
+    """Earlier executions told."""
+    one_call: bool = False
+    """Analyse and plan in one call instead of two."""
+    skip_agreed: bool = False
+    """Do not ask for a verdict where all checks agree."""
+    step_limit_mm: float = 30.0
+    """The most that one plan may change a goal."""
+    clamp_mm: float = 10.0
+    """What a change that was refused twice is cut down to."""
+    fallback: bool = True
+    """Let the rules answer where the model gives nothing usable; else the trial stops there."""
+    temperature: float = 0.0
+    """Of the model's sampling."""
+    detail: Detail = Detail.HIGH
+    """Resolution of pictures for hosted models: low or high."""
+    deadline_s: float = 60.0
+    """For one decision, asking again included."""
+    reply_tokens: int = 1000
+    """The longest reply."""
+    max_requests: int = 200
+    """Per trial; then the rules go on."""
+    max_tokens: int = 500_000
+    """Per trial, sent and received."""
+    max_usd: float | None = None
+    """Per trial, where the price is known."""
+    usd_per_million: tuple[float, float] | None = None
+    """The price of a million tokens sent and received, where pliant does not know the model's."""
+
+    def __post_init__(self) -> None:
+        _positive(self, "step_limit_mm", "clamp_mm", "deadline_s")
+        _positive(self, "reply_tokens", "max_requests", "max_tokens")
+        if self.history < 0:
+            raise InputError(f"history is {self.history}: it must be 0 or more executions")
+        if not 0 <= self.temperature <= 2:
+            raise InputError(f"temperature is {self.temperature:g}: it must be from 0 to 2")
+        if self.max_usd is not None and not self.max_usd > 0:
+            raise InputError(f"max_usd is {self.max_usd:g}: it must be above 0")
+        if self.usd_per_million is not None and not all(
+            0 <= price < math.inf for price in self.usd_per_million
+        ):
+            raise InputError(f"usd_per_million is {self.usd_per_million}: prices are 0 or more")
+        if self.base_url is not None:
+            _check_address(self.base_url)
+
+    @property
+    def output_mode(self) -> Output:
+        if self.output is not None:
+            return self.output
+        return Output.TOOL if self.base_url is None else Output.NATIVE
+
+
+def from_fields(given: Mapping[str, Any]) -> Settings:
+    """Settings from the fields of a file, in YAML's types.
+
+    Raises:
+        InputError: a field is unknown, or its value is not valid.
+    """
+    names = [f.name for f in fields(Settings)]
+    for name in given:
+        if name not in names:
+            raise unknown("field of the VLM", name, names)
+    try:
+        return _adapter().validate_python(dict(given))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field, value = first["loc"][0] if first["loc"] else "settings", first["input"]
+        raise InputError(f"VLM: {field} is {value!r}: {first['msg'].lower()}") from error
+
+
+@lru_cache
+def _adapter() -> TypeAdapter[Settings]:
+    return TypeAdapter(Settings)
+
+
+def _positive(settings: Settings, *names: str) -> None:
+    for name in names:
+        value = getattr(settings, name)
+        if not 0 < value < math.inf:
+            raise InputError(f"{name} is {value:g}: it must be above 0")
+
+
+def _check_address(address: str) -> None:
+    parts = urlsplit(address)
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise InputError(
+            f"base_url is '{address}': it must be like http://localhost:8000/v1, with http or https"
+        )
+    if parts.username or parts.password or parts.query:
+        raise InputError(
+            "base_url holds a name, a password or a query, which would be stored with the results:"
+            " give the address alone, and the key in PLIANT_VLM_KEY"
+        )

@@ -1,0 +1,240 @@
+"""A recording of everything that was asked of a model and what it replied, as JSON lines.
+
+The first line says what made it. A picture stands once, by its hash, before the first request that
+shows it. A request is found again by its words, output schema and sampling, not by its pictures:
+another machine's renderer may draw them a little differently, which is reported.
+"""
+
+import base64
+import hashlib
+import json
+from collections import defaultdict, deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Protocol
+
+from pliant.errors import InputError
+
+TAPE_SCHEMA = 1
+_CLIENTS = ("pliant", "pydantic-ai-slim", "openai", "anthropic", "google-genai")
+
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What was sent: `words` is everything but the pictures, as plain JSON; `pictures` are PNG."""
+
+    words: Document
+    pictures: tuple[bytes, ...]
+
+    @property
+    def key(self) -> str:
+        """A hash of the words."""
+        return _hash(json.dumps(self.words, sort_keys=True).encode())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reply:
+    """What came back as plain JSON, or the error in its place."""
+
+    message: Document | None
+    error: str
+    latency_s: float
+    same_pictures: bool = True
+
+
+class Tape(Protocol):
+    """Where requests pass by: a recording is written, a replay answers them itself."""
+
+    def find(self, request: Request) -> Reply | None:
+        """The recorded reply; None: ask the model."""
+        ...
+
+    def keep(self, request: Request, reply: Reply) -> None: ...
+
+
+@dataclass(frozen=True)
+class NoTape:
+    """Nothing is recorded and nothing replayed."""
+
+    def find(self, request: Request) -> Reply | None:
+        return None
+
+    def keep(self, request: Request, reply: Reply) -> None:
+        pass
+
+
+@dataclass
+class Recorder:
+    """Writes a recording; what was in the file before is replaced.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    path: Path
+    _written: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        versions = {name: _version(name) for name in _CLIENTS}
+        head = {"tape": TAPE_SCHEMA, "versions": {k: v for k, v in versions.items() if v}}
+        self._write([head], "w")
+
+    def find(self, request: Request) -> Reply | None:
+        return None
+
+    def keep(self, request: Request, reply: Reply) -> None:
+        named = {_hash(png): png for png in request.pictures}
+        lines: list[Document] = [
+            {"picture": name, "png": base64.b64encode(png).decode()}
+            for name, png in named.items()
+            if name not in self._written
+        ]
+        exchange = {
+            "key": request.key,
+            "request": request.words,
+            "pictures": [_hash(png) for png in request.pictures],
+            "reply": reply.message,
+            "error": reply.error,
+            "latency_s": round(reply.latency_s, 4),
+        }
+        self._write([*lines, exchange], "a")
+        self._written |= named.keys()
+
+    def _write(self, lines: list[Document], mode: str) -> None:
+        text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open(mode, encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise InputError(
+                f"recording '{self.path}' cannot be written: {error.strerror}; choose another file"
+            ) from error
+
+
+@dataclass
+class Replayer:
+    """Answers from a recording. The same request, asked again, gets the next recorded reply.
+
+    Raises:
+        InputError: the recording cannot be read, or a line of it is broken.
+    """
+
+    path: Path
+    _exchanges: dict[str, deque[Document]] = field(default_factory=lambda: defaultdict(deque))
+    _order: list[Document] = field(default_factory=list)
+    _used: int = 0
+
+    def __post_init__(self) -> None:
+        for number, line in enumerate(_lines(self.path), start=1):
+            try:
+                self._read(_parsed(line), number)
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
+                why = f"{type(error).__name__}: {error}".splitlines()[0]
+                raise InputError(
+                    f"recording '{self.path}', line {number}, is broken ({why}): record it again"
+                ) from error
+        if not self._order:
+            raise InputError(f"recording '{self.path}' holds no exchange: record it again")
+
+    @property
+    def model(self) -> str:
+        """The model that replied."""
+        names = (e["reply"]["model_name"] for e in self._order if e["reply"] is not None)
+        return next(filter(None, names), "none")
+
+    def find(self, request: Request) -> Reply | None:
+        """Raises InputError where the recording has no such request left: it says what differs."""
+        waiting = self._exchanges.get(request.key)
+        if not waiting:
+            raise InputError(self._mismatch(request))
+        found = waiting.popleft()
+        self._used += 1
+        return Reply(
+            message=found["reply"],
+            error=found["error"],
+            latency_s=float(found["latency_s"]),
+            same_pictures=found["pictures"] == [_hash(png) for png in request.pictures],
+        )
+
+    def keep(self, request: Request, reply: Reply) -> None:
+        pass
+
+    def _read(self, line: Document, number: int) -> None:
+        if number == 1:
+            if line["tape"] != TAPE_SCHEMA:
+                raise ValueError(f"its schema is {line['tape']!r}, this pliant reads {TAPE_SCHEMA}")
+        elif "picture" in line:
+            if _hash(base64.b64decode(line["png"], validate=True)) != line["picture"]:
+                raise ValueError("the picture is not the one that was recorded")
+        else:
+            request = Request(words=line["request"], pictures=())
+            if request.key != line["key"]:
+                raise ValueError("the request is not the one that was recorded")
+            if line["reply"] is None and not line["error"]:
+                raise ValueError("it has neither a reply nor an error")
+            if line["reply"] is not None:
+                line["reply"]["model_name"]
+            float(line["latency_s"])
+            list(line["pictures"])
+            self._exchanges[line["key"]].append(line)
+            self._order.append(line)
+
+    def _mismatch(self, request: Request) -> str:
+        if self._used >= len(self._order):
+            return (
+                f"recording '{self.path}' has ended: all its {self._used} replies are used, and the"
+                " trial asks on; replay it with the options it was recorded with"
+            )
+        expected = self._order[self._used]["request"]
+        return (
+            f"recording '{self.path}' holds no reply to request {self._used + 1}: it differs from"
+            f" the recorded one in {_difference(expected, request.words)}; replay it with the"
+            " options it was recorded with"
+        )
+
+
+def _lines(path: Path) -> list[bytes]:
+    try:
+        return path.read_bytes().splitlines()
+    except OSError as error:
+        raise InputError(
+            f"recording '{path}' cannot be read: {error.strerror}; name a file made by --record"
+        ) from error
+
+
+def _parsed(line: bytes) -> Document:
+    parsed = json.loads(line)
+    if not isinstance(parsed, dict):
+        raise ValueError("it is not a JSON object")
+    return parsed
+
+
+def _difference(one: Document, other: Document) -> str:
+    """Where two requests' words first differ, in a few words."""
+    for name in sorted({*one, *other}):
+        ours, theirs = _text(other.get(name)), _text(one.get(name))
+        if ours != theirs:
+            pairs = zip(theirs.splitlines(), ours.splitlines(), strict=False)
+            line = next(((a, b) for a, b in pairs if a != b), (theirs[:80], ours[:80]))
+            return f"{name}: '{line[0][:80]}' was recorded, now it is '{line[1][:80]}'"
+    return "nothing: it was used already"
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, indent=0, sort_keys=True)
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,273 @@
+"""Every request to a model passes here: it is counted against the trial's budget, tried again a
+bounded number of times, recorded or replayed, and written down for the trial's record."""
+
+import asyncio
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
+from pydantic_ai.exceptions import (
+    AgentRunError,
+    ModelAPIError,
+    ModelConnectionError,
+    ModelRateLimitError,
+    ModelServerError,
+    ModelUnavailableError,
+)
+from pydantic_ai.messages import (
+    BinaryContent,
+    ModelMessage,
+    ModelRequest,
+    ModelResponse,
+    ToolCallPart,
+    UserPromptPart,
+)
+from pydantic_ai.models import Model, ModelRequestParameters
+from pydantic_ai.models.wrapper import WrapperModel
+from pydantic_ai.settings import ModelSettings
+
+from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.tape import Reply, Request, Tape
+
+TRIES = 3  # of one request, where trying again may help
+_MAY_PASS = (
+    ModelRateLimitError,
+    ModelUnavailableError,
+    ModelServerError,
+    ModelConnectionError,
+)
+_PAUSE_S = 0.5  # before the second try; doubled after that
+_MOST_TEXT = 20_000  # characters of a reply that the record keeps
+_RESPONSE = TypeAdapter(ModelResponse)
+_ANYTHING: TypeAdapter[Any] = TypeAdapter(Any)
+
+
+class OutOfBudget(AgentRunError):
+    """The trial may spend no more on its model."""
+
+
+@dataclass
+class Budget:
+    """What a trial has spent on its model."""
+
+    settings: Settings
+    requests: int = 0
+    tokens: int = 0
+    usd: float = 0.0
+
+    def check(self) -> None:
+        """Raises OutOfBudget where nothing is left."""
+        most = self.settings
+        if self.requests >= most.max_requests:
+            raise OutOfBudget(f"the trial's {most.max_requests} requests are spent")
+        if self.tokens >= most.max_tokens:
+            raise OutOfBudget(f"the trial's {most.max_tokens} tokens are spent")
+        if most.max_usd is not None and self.usd >= most.max_usd:
+            raise OutOfBudget(f"the trial's {most.max_usd:g} USD are spent")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Call:
+    """One request as it is kept: `error` where no reply came, `note` what is odd about it."""
+
+    request: str
+    pictures: tuple[NDArray[np.uint8], ...]
+    reply: str = ""
+    model: str = ""
+    input_tokens: int = 0
+    cached_tokens: int = 0
+    output_tokens: int = 0
+    latency_s: float = 0.0
+    cost_usd: float | None = None
+    error: str = ""
+    note: str = ""
+
+
+@dataclass(init=False)
+class Wire(WrapperModel):
+    """A model behind the budget and the tape. `calls` grows by one with each request."""
+
+    budget: Budget
+    tape: Tape
+    calls: list[Call] = field(default_factory=list)
+
+    def __init__(self, wrapped: Model, budget: Budget, tape: Tape) -> None:
+        super().__init__(wrapped)
+        self.budget, self.tape, self.calls = budget, tape, []
+
+    async def request(
+        self,
+        messages: list[ModelMessage],
+        model_settings: ModelSettings | None,
+        model_request_parameters: ModelRequestParameters,
+    ) -> ModelResponse:
+        self.budget.check()
+        self.budget.requests += 1
+        request = Request(
+            words=_words(messages, model_settings, model_request_parameters),
+            pictures=tuple(p.data for p in _pictures(messages)),
+        )
+        found = self.tape.find(request)
+        if found is not None:
+            return self._answered(messages, found, found.same_pictures)
+        started = time.perf_counter()
+        try:
+            response = await self._tried(messages, model_settings, model_request_parameters)
+            reply = Reply(
+                message=_RESPONSE.dump_python(response, mode="json"),
+                error="",
+                latency_s=time.perf_counter() - started,
+            )
+        except asyncio.CancelledError:
+            self._failed(request, messages, "no reply before the deadline", started)
+            raise
+        except Exception as error:
+            self._failed(request, messages, _why(error), started)
+            raise
+        self.tape.keep(request, reply)
+        return self._answered(messages, reply, same_pictures=True)
+
+    async def _tried(
+        self,
+        messages: list[ModelMessage],
+        settings: ModelSettings | None,
+        parameters: ModelRequestParameters,
+    ) -> ModelResponse:
+        for attempt in range(1, TRIES + 1):
+            try:
+                return await self.wrapped.request(messages, settings, parameters)
+            except _MAY_PASS as error:
+                if attempt == TRIES:
+                    raise
+                asked = getattr(error, "retry_after", None)
+                await asyncio.sleep(asked if asked is not None else _PAUSE_S * 2 ** (attempt - 1))
+        raise AssertionError("the last try returns or raises")
+
+    def _answered(
+        self, messages: list[ModelMessage], reply: Reply, same_pictures: bool
+    ) -> ModelResponse:
+        """The reply as a message, written down and counted."""
+        note = "" if same_pictures else "replayed; a picture differs from the recorded one"
+        if reply.message is None:
+            self.calls.append(_call(messages, error=reply.error, latency_s=reply.latency_s))
+            raise ModelAPIError("recorded", reply.error)
+        response = _RESPONSE.validate_python(reply.message)
+        usage, cost = response.usage, self._cost(response)
+        self.budget.tokens += usage.input_tokens + usage.output_tokens
+        self.budget.usd += cost or 0.0
+        self.calls.append(
+            _call(
+                messages,
+                reply=_reply_text(response),
+                model=response.model_name or self.wrapped.model_name,
+                input_tokens=usage.input_tokens,
+                cached_tokens=usage.cache_read_tokens,
+                output_tokens=usage.output_tokens,
+                latency_s=reply.latency_s,
+                cost_usd=cost,
+                note=note,
+            )
+        )
+        return response
+
+    def _failed(
+        self, request: Request, messages: list[ModelMessage], why: str, started: float
+    ) -> None:
+        waited = time.perf_counter() - started
+        self.tape.keep(request, Reply(message=None, error=why, latency_s=waited))
+        model = self.wrapped.model_name
+        self.calls.append(_call(messages, error=why, latency_s=waited, model=model))
+
+    def _cost(self, response: ModelResponse) -> float | None:
+        price = self.budget.settings.usd_per_million
+        if price is not None:
+            usage = response.usage
+            return (price[0] * usage.input_tokens + price[1] * usage.output_tokens) / 1e6
+        try:
+            return float(response.cost().total_price)
+        except (AssertionError, LookupError, ValueError):  # a model without a published price
+            return None
+
+
+def _why(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0][:300]
+
+
+# --- messages as words and pictures ---------------------------------------------------------------
+
+
+def _words(
+    messages: list[ModelMessage],
+    settings: ModelSettings | None,
+    parameters: ModelRequestParameters,
+) -> dict[str, Any]:
+    """Everything that decides a reply but the pictures and the model."""
+    schema = [tool.parameters_json_schema for tool in parameters.output_tools]
+    if parameters.output_object is not None:
+        schema.append(parameters.output_object.json_schema)
+    chosen = settings or {}
+    return {
+        "instructions": _instructions(messages),
+        "messages": "\n\n".join(_text(message) for message in messages),
+        "output": {"mode": parameters.output_mode, "schema": schema},
+        "sampling": {k: chosen.get(k) for k in ("temperature", "max_tokens")},
+    }
+
+
+def _instructions(messages: list[ModelMessage]) -> str:
+    found = (m.instructions for m in messages if isinstance(m, ModelRequest) and m.instructions)
+    return next(found, "")
+
+
+def _call(messages: list[ModelMessage], **rest: Any) -> Call:
+    """The newest message of a conversation, with its instructions where it is the first."""
+    instructions = _instructions(messages)
+    text = _text(messages[-1])
+    return Call(
+        request=f"{instructions}\n\n{text}" if len(messages) == 1 and instructions else text,
+        pictures=tuple(_decoded(p.data) for p in _pictures(messages[-1:])),
+        **rest,
+    )
+
+
+def _pictures(messages: Iterable[ModelMessage]) -> list[BinaryContent]:
+    return [
+        item
+        for message in messages
+        for part in message.parts
+        if isinstance(part, UserPromptPart) and not isinstance(part.content, str)
+        for item in part.content
+        if isinstance(item, BinaryContent)
+    ]
+
+
+def _text(message: ModelMessage) -> str:
+    return "\n".join(filter(None, (_part_text(part) for part in message.parts)))
+
+
+def _part_text(part: Any) -> str:
+    if isinstance(part, ToolCallPart):
+        return f"{part.tool_name}({part.args_as_json_str()})"
+    content = getattr(part, "content", "")
+    if isinstance(content, str):
+        return content
+    if isinstance(part, UserPromptPart):
+        return "\n".join("[picture]" if not isinstance(c, str) else c for c in content)
+    return _ANYTHING.dump_json(content).decode()
+
+
+def _reply_text(response: ModelResponse) -> str:
+    text = _text(response)
+    extra = len(text) - _MOST_TEXT
+    return text if extra <= 0 else f"{text[:_MOST_TEXT]} … and {extra} characters more"
+
+
+def _decoded(png: bytes) -> NDArray[np.uint8]:
+    bgr = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert bgr is not None, "pictures are encoded by the prompt"
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)

@@ -1,0 +1,192 @@
+"""Scripted models: what a VLM might say, told from the rules, through the real conversation code.
+
+Each is also a reasoner that an experiment can name: `tests/voices.py:SpeaksForRules`.
+"""
+
+import json
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ToolCallPart
+from pydantic_ai.models.function import AgentInfo, FunctionModel
+
+from pliant.formations import OWNED, RECOVERABLE
+from pliant.pose import Axis
+from pliant.reasoners.rules import Rules
+from pliant.reasoners.vlm.reasoner import Vlm
+from pliant.reasoners.vlm.settings import Plans, Settings
+from pliant.records import Case, Recovery, Verdict
+
+Fields = dict[str, Any]
+_VOTES = {True: "success", False: "failure", None: "not available"}
+
+
+def reply(info: AgentInfo, fields: Fields) -> ModelResponse:
+    """The fields as the reply that this request asks for: a function call, or JSON."""
+    if info.output_tools:
+        return ModelResponse(parts=[ToolCallPart(info.output_tools[0].name, fields)])
+    return ModelResponse(parts=[TextPart(json.dumps(fields))])
+
+
+def judgement(verdict: Verdict) -> Fields:
+    votes = verdict.votes
+    return {
+        "pose_check": _VOTES[votes.get("pose")],
+        "compression_check": _VOTES[votes.get("compression")],
+        "table_i": _VOTES[votes.get("table_i")],
+        "picture": _VOTES[votes.get("metric")],
+        "conflict": verdict.conflict or "",
+        "reason": verdict.reason,
+        "success": verdict.success,
+    }
+
+
+def analysis(recovery: Recovery, gain: float = 1.0) -> Fields:
+    told = recovery.analysis
+    return {
+        "what_happened": told.what,
+        "why": told.why,
+        "how_to_recover": told.how,
+        "y_motion_mm": gain * told.motion.get(Axis.Y, 0.0) * 1e3,
+        "z_motion_mm": gain * told.motion.get(Axis.Z, 0.0) * 1e3,
+    }
+
+
+def absolute(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
+    steps = []
+    for step in recovery.steps:
+        ((axis, goal),) = step.goal.items()
+        now = case.goals.formations[step.formation][axis]
+        steps.append(
+            {
+                "skill": str(step.formation),
+                "goal_mm": (now + gain * (goal - now)) * 1e3 if gain != 1.0 else goal * 1e3,
+                "retreat_first": step.retreat,
+            }
+        )
+    return {"steps": steps}
+
+
+def bounded(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
+    fields: Fields = {"resume_from": "stop", "retreat_first": False}
+    if recovery.steps:
+        fields["resume_from"] = str(recovery.steps[0].formation)
+        fields["retreat_first"] = recovery.steps[0].retreat
+    goals = {step.formation: step.goal for step in recovery.steps}
+    for formation in RECOVERABLE:
+        axis = OWNED[formation][0]
+        now = case.goals.formations[formation][axis]
+        change = goals.get(formation, {}).get(axis, now) - now
+        fields[f"{formation}_{axis}_change_mm"] = round(gain * change * 1e3)
+    return fields
+
+
+@dataclass(kw_only=True)
+class Scripted(Vlm):
+    """A VLM whose model is a function of the case it is asked about."""
+
+    settings: Settings = field(default_factory=lambda: Settings(model="scripted", deadline_s=20))
+    asked: Any = None
+    case: Case | None = None
+    verdict: Verdict | None = None
+
+    def __post_init__(self) -> None:
+        self.asked = FunctionModel(self.answer, model_name="scripted")
+        super().__post_init__()
+
+    def judge(self, case: Case) -> Verdict:
+        self.case = case
+        return super().judge(case)
+
+    def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
+        self.case, self.verdict = case, verdict
+        return super().recover(case, verdict)
+
+    def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
+        raise NotImplementedError
+
+
+@dataclass(kw_only=True)
+class SpeaksForRules(Scripted):
+    """Says what the rules would do. `gain` multiplies its advice, `flipped` is how often it points
+    the other way."""
+
+    gain: float = 1.0
+    flipped: float = 0.0
+    seed: int = 0
+    _gain: float = 1.0
+
+    def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
+        assert self.case is not None
+        instructions = info.instructions or ""
+        if "Judge the skill" in instructions:
+            return reply(info, judgement(Rules().judge(self.case)))
+        assert self.verdict is not None
+        recovery = Rules().recover(self.case, self.verdict)
+        assert recovery is not None
+        planning = "Turn the analysis" in instructions
+        fields: Fields = {}
+        if "Think in three steps" in instructions:
+            draw = random.Random(f"{self.seed} {len(self.case.history)}")
+            self._gain = -self.gain if draw.random() < self.flipped else self.gain
+            fields |= analysis(recovery, self._gain)
+        if planning:
+            write = absolute if self.settings.plan is Plans.ABSOLUTE else bounded
+            fields |= write(recovery, self.case, self._gain)
+        return reply(info, fields)
+
+
+@dataclass(kw_only=True)
+class TenTimes(SpeaksForRules):
+    """Right in direction, ten times too much."""
+
+    gain: float = 10.0
+
+
+@dataclass(kw_only=True)
+class OftenWrong(SpeaksForRules):
+    """Points the wrong way in 30 % of its decisions."""
+
+    flipped: float = 0.3
+
+
+@dataclass(kw_only=True)
+class Silent(Scripted):
+    """Never answers."""
+
+    settings: Settings = field(default_factory=lambda: Settings(model="silent", deadline_s=0.2))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+
+    def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
+        raise ConnectionError("nobody is there")
+
+
+def alone(make: Callable[[], Scripted]) -> Scripted:
+    """The same model without the rules to fall back on."""
+    made = make()
+    return replace(made, settings=replace(made.settings, fallback=False))
+
+
+@dataclass(kw_only=True)
+class AbsoluteRules(SpeaksForRules):
+    settings: Settings = field(
+        default_factory=lambda: Settings(model="scripted", plan=Plans.ABSOLUTE, deadline_s=20)
+    )
+
+
+def _alone(**changes: Any) -> Settings:
+    return Settings(model="scripted", deadline_s=20, fallback=False, **changes)
+
+
+@dataclass(kw_only=True)
+class TenTimesAlone(TenTimes):
+    settings: Settings = field(default_factory=_alone)
+
+
+@dataclass(kw_only=True)
+class OftenWrongAlone(OftenWrong):
+    settings: Settings = field(default_factory=_alone)
