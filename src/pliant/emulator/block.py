@@ -1,0 +1,120 @@
+"""The plant's state in shared memory: the controller writes it every tick, the camera reads it.
+
+A sequence lock: the writer makes the counter odd, writes, and makes it even; a reader that sees it
+odd or changed reads again. So drawing never holds up the controller.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from multiprocessing.shared_memory import SharedMemory
+
+import numpy as np
+
+from pliant.emulator.frames import Array
+from pliant.task import Setup
+
+_MOST_JOINTS = 32
+_MOST_NAME = 512  # [bytes] of a peg's name or file
+_LAYOUT = np.dtype(
+    [
+        ("sequence", "<u8"),
+        ("time_s", "<f8"),
+        ("fault", "<u4"),
+        ("joints", "<u4"),
+        ("qpos", "<f8", (_MOST_JOINTS,)),
+        ("friction", "<f8"),
+        ("hole_y", "<f8"),
+        ("grasp_roll", "<f8"),
+        ("peg", f"S{_MOST_NAME}"),
+    ]
+)
+_ATTEMPTS = 1000
+
+
+class CameraFault(StrEnum):
+    """What is wrong with the camera."""
+
+    OK = "ok"
+    FROZEN = "frozen"
+    ERROR = "error"
+    DEAD = "dead"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """What a picture needs."""
+
+    time_s: float  # the controller's
+    qpos: Array  # (nq,)
+    peg: str  # a shipped peg's name or a peg file
+    setup: Setup
+    fault: CameraFault
+
+
+class Block:
+    """One shared block. The process that made it must `close` it last."""
+
+    def __init__(self, name: str | None = None) -> None:
+        """Attach to a block by name, or make one."""
+        self._is_owner = name is None
+        self._memory = SharedMemory(name, create=self._is_owner, size=_LAYOUT.itemsize)
+        self.name = self._memory.name
+        self._record = np.ndarray((1,), _LAYOUT, self._memory.buf)
+
+    def set_up(self, peg: str, setup: Setup) -> None:
+        """Write what a trial changes."""
+        self._begin()
+        record = self._record[0]
+        record["peg"] = peg.encode()
+        record["friction"], record["hole_y"] = setup.friction, setup.hole_y
+        record["grasp_roll"] = setup.grasp_roll
+        self._end()
+
+    def write(self, time_s: float, qpos: Array) -> None:
+        """Write what a tick changes."""
+        self._begin()
+        record = self._record
+        record["time_s"], record["joints"] = time_s, len(qpos)
+        record["qpos"][0, : len(qpos)] = qpos
+        self._end()
+
+    def set_fault(self, fault: CameraFault) -> None:
+        self._begin()
+        self._record["fault"] = list(CameraFault).index(fault)
+        self._end()
+
+    def read(self) -> State:
+        """The latest state, all of one tick.
+
+        Raises:
+            TimeoutError: the writer stopped in the middle.
+        """
+        for _ in range(_ATTEMPTS):
+            before = int(self._record["sequence"][0])
+            record = self._record[0].copy()
+            if before % 2 == 0 and before == int(self._record["sequence"][0]):
+                return State(
+                    time_s=float(record["time_s"]),
+                    qpos=record["qpos"][: int(record["joints"])].copy(),
+                    peg=record["peg"].decode(),
+                    setup=Setup(
+                        seed=0,
+                        friction=float(record["friction"]),
+                        hole_y=float(record["hole_y"]),
+                        grasp_roll=float(record["grasp_roll"]),
+                    ),
+                    fault=list(CameraFault)[int(record["fault"])],
+                )
+        raise TimeoutError("the controller stopped in the middle of a write")
+
+    def close(self) -> None:
+        del self._record
+        self._memory.close()
+        if self._is_owner:
+            self._memory.unlink()
+
+    def _begin(self) -> None:
+        self._record["sequence"] += 1
+
+    def _end(self) -> None:
+        self._record["sequence"] += 1

@@ -1,0 +1,194 @@
+"""The camera server: a process of its own that draws the plant's latest state when asked.
+
+    GET /side.jpg, /side.png, /wide.jpg, /wide.png    the latest frame
+    GET /side.mjpg                                    frames as they come, until the client leaves
+    GET /cameras.json                                 the cameras' calibration to the task frame
+
+A frame's header `X-Robot-Time` is the controller's time stamp [s] of what it shows.
+"""
+
+import json
+import os
+import signal
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection, wait
+
+import cv2
+import mujoco
+from pydantic import TypeAdapter
+
+import pliant.sim  # noqa: F401, chooses the OpenGL back end
+from pliant.cell import Camera
+from pliant.emulator.block import Block, CameraFault, State
+from pliant.errors import InputError
+from pliant.sim import model as m
+from pliant.sim.cell import apply
+from pliant.sim.render import CAMERAS, Cameras
+from pliant.task import load_task
+
+TIME_HEADER = "X-Robot-Time"
+_TYPES = {"jpg": "image/jpeg", "png": "image/png"}
+_JPEG_QUALITY = 95
+_BOUNDARY = "frame"
+_UNAVAILABLE, _NOT_FOUND = 503, 404
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """An encoded picture and the controller's time [s] of what it shows."""
+
+    time_s: float
+    data: bytes
+
+
+class Artist:
+    """Draws states of the cell. Use it from one thread only: OpenGL belongs to a thread."""
+
+    def __init__(self) -> None:
+        self._peg = ""
+        self._cameras: Cameras | None = None
+
+    def draw(self, state: State, camera: str, kind: str) -> Frame:
+        """One frame of `camera`, as jpg or png."""
+        cameras = self._for(state.peg)
+        apply(self._model, state.setup)
+        self._data.qpos[:] = state.qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        image = cv2.cvtColor(cameras.image(camera, self._data), cv2.COLOR_RGB2BGR)
+        options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if kind == "jpg" else []
+        _, data = cv2.imencode(f".{kind}", image, options)
+        return Frame(time_s=state.time_s, data=data.tobytes())
+
+    def calibrations(self, state: State) -> list[Camera]:
+        """Every camera's calibration."""
+        cameras = self._for(state.peg)
+        return [cameras.view(name, self._data, 0.0).camera for name in CAMERAS]
+
+    def _for(self, peg: str) -> Cameras:
+        if self._cameras is None or peg != self._peg:
+            if self._cameras is not None:
+                self._cameras.close()
+            self._model = m.build(load_task(peg))
+            self._data = mujoco.MjData(self._model)
+            self._cameras = Cameras(self._model)
+            self._peg = peg
+        return self._cameras
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    block: Block
+    artist: Artist
+    drawing: ThreadPoolExecutor  # of one thread
+
+    def __init__(self, address: tuple[str, int], block: Block) -> None:
+        self.block, self.artist = block, Artist()
+        self.drawing = ThreadPoolExecutor(1)
+        self.kept: dict[tuple[str, str], Frame] = {}
+        super().__init__(address, _Handler)
+
+    def frame(self, camera: str, kind: str) -> Frame:
+        """The latest frame; a frozen camera's is its last one before it froze."""
+        state = self.block.read()
+        key = (camera, kind)
+        if state.fault is CameraFault.FROZEN and key in self.kept:
+            return self.kept[key]
+        self.kept[key] = self.drawing.submit(self.artist.draw, state, camera, kind).result()
+        return self.kept[key]
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self) -> None:
+        fault = self.server.block.read().fault
+        if fault is CameraFault.DEAD:
+            self.close_connection = True
+            return
+        if fault is CameraFault.ERROR:
+            self._send(_UNAVAILABLE, "text/plain", b"the camera is not available\n")
+            return
+        camera, _, kind = self.path.removeprefix("/").partition(".")
+        if self.path == "/cameras.json":
+            self._calibration()
+        elif camera in CAMERAS and kind in _TYPES:
+            frame = self.server.frame(camera, kind)
+            self._send(200, _TYPES[kind], frame.data, frame.time_s)
+        elif camera in CAMERAS and kind == "mjpg":
+            self._stream(camera)
+        else:
+            self._send(_NOT_FOUND, "text/plain", b"try /side.jpg, /wide.png or /cameras.json\n")
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+        """Requests are not worth a line each."""
+
+    def _calibration(self) -> None:
+        server = self.server
+        drawn = server.drawing.submit(server.artist.calibrations, server.block.read()).result()
+        body = TypeAdapter(list[Camera]).dump_json(drawn)
+        self._send(200, "application/json", body)
+
+    def _send(self, status: int, kind: str, body: bytes, time_s: float | None = None) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        if time_s is not None:
+            self.send_header(TIME_HEADER, f"{time_s:.6f}")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _stream(self, camera: str) -> None:
+        self.close_connection = True
+        self.send_response(200)
+        self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={_BOUNDARY}")
+        self.end_headers()
+        try:
+            while self.server.block.read().fault in (CameraFault.OK, CameraFault.FROZEN):
+                frame = self.server.frame(camera, "jpg")
+                self.wfile.write(
+                    f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\n"
+                    f"Content-Length: {len(frame.data)}\r\n"
+                    f"{TIME_HEADER}: {frame.time_s:.6f}\r\n\r\n".encode()
+                    + frame.data
+                    + b"\r\n"
+                )
+        except (BrokenPipeError, ConnectionResetError):
+            return  # the client has left
+
+
+def serve(host: str, port: int, block_name: str, ready: Connection) -> None:
+    """Run the camera server until the parent process ends it or dies.
+
+    `ready` gets an empty text once the first frame has been drawn, or what went wrong.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    block = Block(block_name)
+    try:
+        server = _Server((host, port), block)
+        server.frame(CAMERAS[0], "jpg")
+    except (OSError, InputError) as error:
+        text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        ready.send(f"the camera cannot serve on {host}:{port}: {text}")
+        return
+    ready.send("")
+    server.serve_forever()
+
+
+def _die_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(0)
+
+
+def described(cameras: bytes) -> list[Camera]:
+    """Calibrations from the text of /cameras.json."""
+    return TypeAdapter(list[Camera]).validate_python(json.loads(cameras))

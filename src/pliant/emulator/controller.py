@@ -1,0 +1,281 @@
+"""The controller: registers, motion, safety, and one `tick` of 2 ms that ties them to the plant."""
+
+import sys
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from pliant.emulator.frames import Array, inverse
+from pliant.emulator.gripper import Gripper
+from pliant.emulator.motion import Hold, Motion
+from pliant.emulator.plant import TICK, Plant
+from pliant.emulator.program import Program, Waypoint
+from pliant.emulator.sensor import ForceSensor, Payload
+from pliant.errors import RobotFault
+
+FREQUENCY = round(1 / TICK)  # [Hz]
+REGISTERS = 48
+UNLOCK_AFTER_S = 5.0  # a protective stop holds at least this long
+_HARD_STOP = 10.0  # [rad/s2] of the fastest joint, when safety stops the arm
+_PROGRAM_STOP = 4.0  # [rad/s2], when the program ends while the arm moves
+_JOINT_SPEED_LIMIT = np.pi * 1.05  # [rad/s]
+_JOINT_LIMIT = 2 * np.pi
+_HISTORY = 500  # ticks of joint positions
+
+
+class Safety(IntEnum):
+    """Safety modes as RTDE numbers them."""
+
+    NORMAL = 1
+    PROTECTIVE_STOP = 3
+    ROBOT_EMERGENCY_STOP = 7
+
+    @property
+    def bits(self) -> int:
+        """The safety status bits: normal, protective, robot and any emergency stop, stopped."""
+        return {1: 1 << 0, 3: 1 << 2 | 1 << 10, 7: 1 << 6 | 1 << 7 | 1 << 10}[self]
+
+
+class Mode(IntEnum):
+    """Robot modes as RTDE numbers them."""
+
+    POWER_OFF = 3
+    IDLE = 5
+    RUNNING = 7
+
+
+class Runtime(IntEnum):
+    STOPPED = 1
+    PLAYING = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class SafetyLimits:
+    """What the controller refuses by itself."""
+
+    force: float = 150.0  # [N] external, beyond which it stops
+    low: tuple[float, float, float] | None = None  # [m] box for the tool's centre point, base frame
+    high: tuple[float, float, float] | None = None
+
+
+@dataclass(kw_only=True)
+class Registers:
+    """General-purpose registers, as clients and programs exchange them."""
+
+    in_int: list[int] = field(default_factory=lambda: [0] * REGISTERS)
+    in_double: list[float] = field(default_factory=lambda: [0.0] * REGISTERS)
+    out_int: list[int] = field(default_factory=lambda: [0] * REGISTERS)
+    out_double: list[float] = field(default_factory=lambda: [0.0] * REGISTERS)
+
+
+class Controller:
+    """Everything but the sockets. Call `tick` for every 2 ms, `idle` to answer without moving."""
+
+    def __init__(self, plant: Plant, limits: SafetyLimits, noise: float = 0.0) -> None:
+        self.plant, self.limits = plant, limits
+        self.registers = Registers()
+        self.sensor = ForceSensor(noise=noise)
+        self.gripper = Gripper()
+        self.tool = np.eye(4)  # the tool centre point on the flange
+        self.speed_slider = 1.0
+        self.digital_outputs = 0
+        self.analog_outputs = [0.0, 0.0]
+        self.safety, self.mode = Safety.NORMAL, Mode.RUNNING
+        self.program: Program | None = None
+        self.freedrive = False
+        self.ticks = 0
+        self.on_tick: list[Callable[[], None]] = []
+        self.history: deque[Array] = deque(maxlen=_HISTORY)
+        self._began_tick = 0  # of the present trial
+        self._stopped_tick = 0  # of the last protective stop
+        self._watchdog_ticks = 0.0  # 0: off
+        self._fed_tick = 0
+        self.q = plant.home  # commanded
+        self.qd = np.zeros(6)
+        self.motion: Motion = Hold(self.q)
+        self._read()
+
+    # --- time ------------------------------------------------------------------------------------
+
+    @property
+    def time_s(self) -> float:
+        """The time stamp of everything it reports."""
+        return self.ticks * TICK
+
+    @property
+    def trial_s(self) -> float:
+        """Time since the trial was set up."""
+        return (self.ticks - self._began_tick) * TICK
+
+    def tick(self) -> None:
+        """Two milliseconds."""
+        self.ticks += 1
+        self._cycle()
+        if self._watchdog_ticks and self.ticks - self._fed_tick > self._watchdog_ticks:
+            self.end_program("the client's watchdog ran out")
+        q = self._next()
+        self.qd, self.q = (q - self.q) / TICK, q
+        if np.abs(self.qd).max() > _JOINT_SPEED_LIMIT:
+            self.protective_stop("a joint is faster than its limit, as near a singularity")
+        self.plant.step(q)
+        self.gripper.step(TICK)
+        self._read()
+        external = float(np.linalg.norm(self.sensor.external[:3]))
+        if external > self.limits.force and self.safety is Safety.NORMAL:
+            self.protective_stop(f"the force is {external:.0f} N, above {self.limits.force:.0f} N")
+        for call in self.on_tick:
+            call()
+
+    def idle(self) -> None:
+        """Answer commands; time stands still."""
+        self._cycle()
+
+    def _cycle(self) -> None:
+        if self.program is not None and not self.program.cycle():
+            self.end_program("")
+
+    def _next(self) -> Array:
+        try:
+            q = self.motion.step(TICK, self.speed_slider)
+        except RobotFault as fault:
+            self.motion = Hold(self.q)
+            self.protective_stop(str(fault))
+            return self.q
+        if np.abs(q).max() > _JOINT_LIMIT:
+            self.motion = Hold(self.q)
+            self.protective_stop("a joint is at its limit")
+            return self.q
+        return q
+
+    def _read(self) -> None:
+        self.sensor.read(self.plant.force, self.plant.torque, self.plant.flange[:3, :3])
+        self.history.append(self.plant.q)
+
+    # --- the trial -------------------------------------------------------------------------------
+
+    def begin_trial(self) -> None:
+        """The plant has been set up anew: hold its home, the peg in the gripper."""
+        self.q = self.plant.home
+        self.qd = np.zeros(6)
+        self.motion = Hold(self.q)
+        self.gripper.grip()
+        self._began_tick = self.ticks
+        self._read()
+
+    # --- programs --------------------------------------------------------------------------------
+
+    @property
+    def runtime(self) -> Runtime:
+        return Runtime.STOPPED if self.program is None else Runtime.PLAYING
+
+    def play(self, path: tuple[Waypoint, ...]) -> None:
+        """Start the client library's control program; `path` is the one it was uploaded with."""
+        if self.safety is not Safety.NORMAL or self.mode is not Mode.RUNNING:
+            note(self, f"a program was refused: the robot is {self.mode.name}, {self.safety.name}")
+            return
+        self.end_program("another program begins")
+        self.program = Program(self, path)
+
+    def end_program(self, why: str) -> None:
+        """The program is over; the arm comes to rest."""
+        if self.program is None:
+            return
+        if why:
+            note(self, f"the program ends: {why}")
+        self.program = None
+        self.freedrive = False
+        self._watchdog_ticks = 0.0
+        self.motion.brake(_PROGRAM_STOP, joints=True)
+
+    def watch(self, frequency: float) -> None:
+        """End the program when a client's command register is written less often [Hz]."""
+        self._watchdog_ticks = FREQUENCY / frequency if frequency > 0 else 0.0
+        self._fed_tick = self.ticks
+
+    def fed(self) -> None:
+        """A client wrote its command register."""
+        self._fed_tick = self.ticks
+
+    # --- safety ----------------------------------------------------------------------------------
+
+    def protective_stop(self, why: str) -> None:
+        if self.safety is not Safety.NORMAL:
+            return
+        note(self, f"protective stop: {why}")
+        self.safety, self._stopped_tick = Safety.PROTECTIVE_STOP, self.ticks
+        self._stop_hard()
+
+    def emergency_stop(self) -> None:
+        note(self, "emergency stop")
+        self.safety, self.mode = Safety.ROBOT_EMERGENCY_STOP, Mode.POWER_OFF
+        self._stop_hard()
+
+    def power_off(self) -> None:
+        note(self, "power off")
+        self.mode = Mode.POWER_OFF
+        self._stop_hard()
+
+    def power_on(self) -> None:
+        if self.safety is not Safety.ROBOT_EMERGENCY_STOP and self.mode is Mode.POWER_OFF:
+            self.mode = Mode.IDLE
+
+    def release_brakes(self) -> None:
+        if self.safety is not Safety.ROBOT_EMERGENCY_STOP:
+            self.mode = Mode.RUNNING
+
+    def unlock(self) -> str:
+        """Release a protective stop; the dashboard's answer."""
+        if self.safety is not Safety.PROTECTIVE_STOP:
+            return "Protective stop releasing"  # as the dashboard says without one, too
+        if (self.ticks - self._stopped_tick) * TICK < UNLOCK_AFTER_S:
+            return (
+                "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of"
+                " protective stop before unlocking"
+            )
+        self.safety = Safety.NORMAL
+        return "Protective stop releasing"
+
+    def restore(self) -> None:
+        """What a technician does after a fault: release, power on, brakes off. No program runs."""
+        self.safety, self.mode = Safety.NORMAL, Mode.RUNNING
+
+    def _stop_hard(self) -> None:
+        self.end_program("safety")
+        self.motion.brake(_HARD_STOP, joints=True)
+
+    def within_limits(self, tool: Array, near: Array) -> bool:
+        """Whether the tool's centre point may be at a transform: in the box and within reach."""
+        low, high = self.limits.low, self.limits.high
+        position = tool[:3, 3]
+        if low is not None and np.any(position < np.array(low)):
+            return False
+        if high is not None and np.any(position > np.array(high)):
+            return False
+        q = self.plant.solution(tool @ inverse(self.tool), near)
+        return q is not None and self.joints_within_limits(q)
+
+    def joints_within_limits(self, q: Array) -> bool:
+        return bool(np.abs(q).max() <= _JOINT_LIMIT)
+
+    # --- the tool --------------------------------------------------------------------------------
+
+    def set_payload(
+        self, mass: float, centre: tuple[float, float, float], inertia: tuple[float, ...]
+    ) -> None:
+        self.sensor.payload = Payload(mass=mass, centre=centre, inertia=inertia)
+
+    def tool_pose(self) -> Array:  # (4, 4)
+        """The tool's centre point, measured."""
+        return self.plant.flange @ self.tool
+
+    def tool_target(self) -> Array:  # (4, 4)
+        """The tool's centre point, commanded."""
+        return self.plant.flange_of(self.q) @ self.tool
+
+
+def note(controller: Controller, text: str) -> None:
+    """Tell whoever watches the terminal."""
+    print(f"{controller.time_s:10.3f} s  {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,298 @@
+"""The emulator put together: plant, controller, ports, pace and camera."""
+
+import asyncio
+import contextlib
+import gc
+import ipaddress
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Coroutine, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pliant.emulator import admin, camera, faults, frames
+from pliant.emulator.block import Block, CameraFault
+from pliant.emulator.controller import FREQUENCY, Controller, SafetyLimits, note
+from pliant.emulator.motion import ToolLine, Travel
+from pliant.emulator.pace import Pace, Pacing
+from pliant.emulator.plant import Plant
+from pliant.emulator.ports import GREETING, Dashboard, Lines, Scripts
+from pliant.emulator.rtde import Rtde
+from pliant.errors import InputError
+from pliant.sim import constants as c
+from pliant.task import Setup, Task, condition, load_task
+
+RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT, GRIPPER_PORT = 30004, 30003, 29999, 63352  # the clients'
+ADMIN_PORT, CAMERA_PORT = 30100, 30101
+_PARENT_CHECK_S = 0.2
+_GUIDED_ACCELERATION = 0.5  # [m/s2]
+_CAMERA_START_S = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What an emulator is started with."""
+
+    peg: str = "circle"
+    condition: str = "none"
+    seed: int = 0
+    pacing: Pacing = Pacing.REAL
+    speed: float = 8.0
+    host: str = "127.0.0.1"
+    admin_port: int = ADMIN_PORT
+    camera_port: int = CAMERA_PORT
+    force_limit: float = 150.0
+    force_noise: float = 0.0
+    faults: Path | None = None
+    with_parent: bool = False
+
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach it."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError as error:
+            raise InputError(
+                f"host '{self.host}': it must be an address of this machine, as 127.0.0.1"
+            ) from error
+
+
+class Emulator:
+    """One emulated cell. `run` serves it until it is stopped."""
+
+    def __init__(self, options: Options) -> None:
+        """
+        Raises:
+            InputError: an option cannot be used.
+        """
+        options.is_loopback()
+        self._options = options
+        self._schedule = faults.load(options.faults) if options.faults is not None else []
+        self._pending = list(self._schedule)
+        task = load_task(options.peg)
+        setup = condition(options.condition).draw(options.seed)
+        self.plant = Plant(task, setup)
+        self.controller = Controller(
+            self.plant, SafetyLimits(force=options.force_limit), options.force_noise
+        )
+        self.pace = Pace(self.controller, self._publish)
+        self.pace.set(options.pacing, options.speed)
+        self.rtde = Rtde(controller=self.controller, wake=self.pace.wake)
+        self.controller.on_tick.append(self._after_tick)
+        self._dashboard = Dashboard(self.controller)
+        self._stopping = asyncio.Event()
+        self._peg = options.peg
+
+    # --- the experiment's side -------------------------------------------------------------------
+
+    def set_up(self, peg: str | None, setup: Setup) -> None:
+        """Begin a trial: everything that it changes, at once.
+
+        Raises:
+            InputError: the peg is unknown.
+        """
+        task: Task = self.plant.task if peg is None else load_task(peg)
+        self._peg = peg or self._peg
+        self.plant.prepare(task, setup)
+        self.controller.begin_trial()
+        self._pending = list(self._schedule)
+        self._block.set_up(self._peg, setup)
+        self._block.write(self.controller.time_s, self.plant.qpos)
+        self.rtde.publish(always=True)
+
+    def suffer(self, fault: faults.Fault) -> None:
+        """Let a fault happen now."""
+        controller = self.controller
+        match fault:
+            case faults.ProtectiveStop():
+                controller.protective_stop("ordered")
+            case faults.EmergencyStop():
+                controller.emergency_stop()
+                controller.gripper.readable = False
+            case faults.PowerOff():
+                controller.power_off()
+            case faults.Stall(seconds=seconds):
+                note(controller, f"stall for {seconds:g} s")
+                self.pace.stall(seconds)
+            case faults.DropRtde(refuse_s=refuse_s):
+                note(controller, "RTDE connections cut")
+                self.rtde.drop(refuse_s)
+            case faults.CameraState(state=state):
+                note(controller, f"camera {state}")
+                self._block.set_fault(state)
+            case faults.GripperLost():
+                note(controller, "gripper lost the peg")
+                controller.gripper.lose()
+            case faults.ForceNoise(newtons=newtons):
+                controller.sensor.noise = newtons
+
+    def restore(self) -> None:
+        """Undo every fault."""
+        self.controller.restore()
+        self.controller.gripper.readable = True
+        self.controller.gripper.grip()
+        self.controller.sensor.noise = self._options.force_noise
+        self._block.set_fault(CameraFault.OK)
+        self.rtde.refuse_until = 0.0
+
+    def guide(self, pose: list[float], speed: float) -> None:
+        """Lead the arm by hand.
+
+        Raises:
+            InputError: it is not in freedrive, or cannot reach the pose.
+        """
+        controller = self.controller
+        if not controller.freedrive:
+            raise InputError("the arm is not in freedrive: call freedriveMode first")
+        target = frames.transform(pose)
+        if not controller.within_limits(target, controller.q):
+            raise InputError(f"the arm cannot reach {np.round(pose, 4).tolist()}")
+        line = ToolLine(self.plant, controller.tool, controller.q, target)
+        controller.motion = Travel(line, controller.q, speed, _GUIDED_ACCELERATION)
+
+    def describe(self) -> dict[str, Any]:
+        """What a client's configuration needs, in the base frame."""
+        host, wrist = self._options.host, self.plant.task.wrist
+        return {
+            "host": host,
+            "camera_url": f"http://{host}:{self._options.camera_port}",
+            "peg": self._peg,
+            "frequency_hz": FREQUENCY,
+            "base_in_task_m": list(c.BASE_POSITION),  # the axes are parallel
+            "hinge_on_flange": list(frames.pose(self.plant.hinge_on_flange)),
+            "home_q": self.plant.home.tolist(),
+            "wrist_stiffness_z": wrist.stiffness_z,
+            "payload": {
+                "mass_kg": c.GRIPPER_MASS + c.PEG_MASS,
+                "centre_on_flange_m": list(self.plant.tool_centre_of_mass()),
+            },
+            "mode": self.pace.pacing,
+            "speed": self.pace.speed,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """The controller now."""
+        controller = self.controller
+        return {
+            "time_s": controller.time_s,
+            "trial_s": controller.trial_s,
+            "robot_mode": controller.mode.name,
+            "safety_mode": controller.safety.name,
+            "program": controller.runtime.name,
+            "freedrive": controller.freedrive,
+            "moving": not controller.motion.done,
+            "tool_pose": list(frames.pose(controller.tool_pose())),
+            "tool_target": list(frames.pose(controller.tool_target())),
+            "mode": self.pace.pacing,
+            "speed": self.pace.speed,
+            "slipped_s": self.pace.slipped_s,
+        }
+
+    def stop(self) -> None:
+        """Let `run` return."""
+        self._stopping.set()
+
+    # --- inside ----------------------------------------------------------------------------------
+
+    def _publish(self, always: bool) -> None:
+        self.rtde.publish(always=always)
+
+    def _after_tick(self) -> None:
+        self._block.write(self.controller.time_s, self.plant.qpos)
+        while self._pending and self._pending[0][0] <= self.controller.trial_s:
+            self.suffer(self._pending.pop(0)[1])
+
+    async def run(self, say: Callable[[str], None]) -> None:
+        """Serve until it is told to stop; `say` gets a line when all ports are open.
+
+        Raises:
+            InputError: a port is taken, or there is no OpenGL.
+        """
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self.stop)
+        with contextlib.ExitStack() as stack:
+            self._block = Block()
+            stack.callback(self._block.close)
+            self._block.set_up(self._peg, self.plant.setup)
+            self._block.write(self.controller.time_s, self.plant.qpos)
+            for server in await self._open():
+                stack.callback(server.close)
+            await asyncio.to_thread(stack.enter_context, self._camera())
+            gc.freeze()  # models and libraries: nothing that the collector need visit again
+            tasks = [asyncio.create_task(job) for job in self._jobs()]
+            say(self._greeting())
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                task.cancel()
+            for result in await asyncio.gather(*tasks, return_exceptions=True):
+                if isinstance(result, Exception):
+                    raise result
+
+    def _jobs(self) -> Iterator[Coroutine[Any, Any, object]]:
+        yield self.pace.run()
+        yield self._stopping.wait()
+        if self._options.with_parent:
+            yield _until_orphaned()
+
+    async def _open(self) -> list[asyncio.Server]:
+        controller, host = self.controller, self._options.host
+        loop = asyncio.get_running_loop()
+        factories: list[tuple[int, Callable[[], asyncio.BaseProtocol]]] = [
+            (RTDE_PORT, self.rtde.connection),
+            (SCRIPT_PORT, lambda: Scripts(controller, self.pace.wake)),
+            (DASHBOARD_PORT, lambda: Lines(self._dashboard.answer, GREETING)),
+            (GRIPPER_PORT, lambda: Lines(controller.gripper.answer)),
+            (self._options.admin_port, lambda: admin.protocol(self)),
+        ]
+        servers = []
+        for port, factory in factories:
+            try:
+                servers.append(await loop.create_server(factory, host, port))
+            except OSError as error:
+                raise InputError(
+                    f"port {port} on {host} cannot be opened ({os.strerror(error.errno or 0)}):"
+                    " end the program that has it, or give another --host, as 127.0.0.2"
+                ) from error
+        return servers
+
+    @contextlib.contextmanager
+    def _camera(self) -> Iterator[None]:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe(duplex=False)
+        where = self._options.host, self._options.camera_port
+        process = context.Process(
+            target=camera.serve, args=(*where, self._block.name, theirs), daemon=True
+        )
+        process.start()
+        theirs.close()
+        try:
+            try:
+                problem = ours.recv() if ours.poll(_CAMERA_START_S) else "the camera did not start"
+            except EOFError:
+                problem = "the camera did not start"
+            if problem:
+                raise InputError(problem)
+            yield
+        finally:
+            process.terminate()
+            process.join()
+
+    def _greeting(self) -> str:
+        options, pace = self._options, self.pace
+        pacing = f"{pace.pacing} at {pace.speed:g}×" if pace.pacing is Pacing.FAST else pace.pacing
+        return (
+            f"ready: UR5e at {options.host}, {pacing}; admin port {options.admin_port};"
+            f" camera http://{options.host}:{options.camera_port}/side.jpg"
+        )
+
+
+async def _until_orphaned() -> None:
+    parent = os.getppid()
+    while os.getppid() == parent:
+        await asyncio.sleep(_PARENT_CHECK_S)

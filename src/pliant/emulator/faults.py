@@ -1,0 +1,127 @@
+"""Faults to order: now, through the admin port, or at a time of the trial, from a file.
+
+A fault file is a YAML list; `at_s` counts from the trial's set-up, on the controller's clock:
+
+    - {at_s: 2.5, kind: protective_stop}
+    - {at_s: 4.0, kind: stall, seconds: 1.0}
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from pliant.emulator.block import CameraFault
+from pliant.errors import InputError
+
+Seconds = Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ProtectiveStop(_Strict):
+    kind: Literal["protective_stop"]
+
+
+class EmergencyStop(_Strict):
+    """Someone presses the button."""
+
+    kind: Literal["emergency_stop"]
+
+
+class PowerOff(_Strict):
+    kind: Literal["power_off"]
+
+
+class Stall(_Strict):
+    """The controller neither moves nor sends for some time of the wall's clock, then goes on."""
+
+    kind: Literal["stall"]
+    seconds: Seconds
+
+
+class DropRtde(_Strict):
+    """Every RTDE connection is cut; new ones are refused for `refuse_s`."""
+
+    kind: Literal["drop_rtde"]
+    refuse_s: Seconds = 0.0
+
+
+class CameraState(_Strict):
+    """Frames stop changing, are answered with status 503, or with a closed connection."""
+
+    kind: Literal["camera"]
+    state: CameraFault
+
+
+class GripperLost(_Strict):
+    """The peg slips out of the fingers, as the gripper reports it."""
+
+    kind: Literal["gripper_lost"]
+
+
+class ForceNoise(_Strict):
+    """Gaussian noise on each axis of the measured force, one standard deviation."""
+
+    kind: Literal["force_noise"]
+    newtons: Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)]
+
+
+Fault = Annotated[
+    ProtectiveStop
+    | EmergencyStop
+    | PowerOff
+    | Stall
+    | DropRtde
+    | CameraState
+    | GripperLost
+    | ForceNoise,
+    Field(discriminator="kind"),
+]
+_FAULT: TypeAdapter[Fault] = TypeAdapter(Fault)
+
+
+def fault(data: object) -> Fault:
+    """A fault from plain data.
+
+    Raises:
+        InputError: there is no such fault.
+    """
+    try:
+        return _FAULT.validate_python(data)
+    except ValidationError as error:
+        raise InputError(f"fault {data}: {first_problem(error)}") from error
+
+
+def load(path: Path) -> list[tuple[float, Fault]]:
+    """(at_s, fault) in the order in which they come.
+
+    Raises:
+        InputError: the file cannot be read, or is not a list of faults.
+    """
+    try:
+        items = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"fault file '{path}' cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        first = str(error).splitlines()[0]
+        raise InputError(f"fault file '{path}' is not YAML: {first}") from error
+    if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
+        raise InputError(f"fault file '{path}' must be a list of faults, each with at_s and kind")
+    scheduled = []
+    for item in items:
+        at_s = item.pop("at_s", None)
+        if not isinstance(at_s, int | float) or isinstance(at_s, bool) or not 0 <= at_s < 1e6:
+            raise InputError(f"fault file '{path}': at_s is {at_s!r}; it must be 0 s or more")
+        scheduled.append((float(at_s), fault(item)))
+    return sorted(scheduled, key=lambda pair: pair[0])
+
+
+def first_problem(error: ValidationError) -> str:
+    """The first of a validation's findings, in one line."""
+    problem = error.errors()[0]
+    where = ".".join(str(part) for part in problem["loc"])
+    return f"{where}: {problem['msg']}" if where else problem["msg"]

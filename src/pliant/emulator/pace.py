@@ -1,0 +1,109 @@
+"""When the controller ticks: in real time, faster, or when the client grants it (lockstep).
+
+A controller that is too slow falls behind, and its time slips: it never makes up for it with a
+burst. Without credit, lockstep answers commands and sends its time stamp again, but steps no
+physics, so that a client on a loaded machine meets the same robot as on an idle one.
+"""
+
+import asyncio
+from collections.abc import Callable
+from enum import StrEnum
+
+from pliant.emulator.controller import Controller
+from pliant.emulator.plant import TICK
+
+_IDLE_S = 0.005  # between answers, while a lockstep client grants nothing
+
+
+class Pacing(StrEnum):
+    """How controller time relates to the wall's."""
+
+    REAL = "real"
+    FAST = "fast"
+    LOCKSTEP = "lockstep"
+
+
+class Pace:
+    """Runs a controller, and publishes after every tick."""
+
+    def __init__(self, controller: Controller, publish: Callable[[bool], None]) -> None:
+        """`publish(always)` sends out what is due, or everything."""
+        self.pacing, self.speed = Pacing.REAL, 1.0
+        self.slipped_s = 0.0  # of the wall's time, since it began
+        self._controller, self._publish = controller, publish
+        self._credit = 0
+        self._spent: list[tuple[int, asyncio.Future[None]]] = []  # (at tick, the grant's)
+        self._awake = asyncio.Event()
+        self._stalled_until = 0.0
+
+    def set(self, pacing: Pacing, speed: float) -> None:
+        """Change the pace; credit that is left lapses."""
+        self.pacing = pacing
+        self.speed = speed if pacing is Pacing.FAST else 1.0
+        self._credit = 0
+        self._release(everyone=True)
+        self._awake.set()
+
+    async def grant(self, ticks: int) -> None:
+        """Let a lockstep controller go on; returns when it has."""
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._credit += ticks
+        self._spent.append((self._controller.ticks + self._credit, done))
+        self._awake.set()
+        await done
+
+    def stall(self, seconds: float) -> None:
+        """Do nothing at all for a while, by the wall's clock."""
+        self._stalled_until = asyncio.get_running_loop().time() + seconds
+        self._awake.set()
+
+    def wake(self) -> None:
+        """A client has written something."""
+        self._awake.set()
+
+    async def run(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            stall = self._stalled_until - loop.time()
+            if stall > 0:
+                await asyncio.sleep(stall)
+                due = loop.time()
+            elif self.pacing is Pacing.LOCKSTEP:
+                await self._step_with_credit()
+                due = loop.time()
+            else:
+                period = TICK / self.speed
+                late = loop.time() - due - period
+                self.slipped_s += max(0.0, late)
+                due += period + max(0.0, late)
+                await asyncio.sleep(due - loop.time())
+                self._tick()
+
+    async def _step_with_credit(self) -> None:
+        self._awake.clear()
+        if self._credit > 0:
+            self._credit -= 1
+            self._tick()
+            self._release()
+            if self._credit == 0:
+                await asyncio.sleep(0)
+            return
+        self._controller.idle()
+        self._publish(True)
+        try:
+            await asyncio.wait_for(self._awake.wait(), _IDLE_S)
+        except TimeoutError:
+            return
+
+    def _tick(self) -> None:
+        self._controller.tick()
+        self._publish(False)
+
+    def _release(self, *, everyone: bool = False) -> None:
+        """Answer the grants that are used up."""
+        ticks = self._controller.ticks
+        while self._spent and (everyone or self._spent[0][0] <= ticks):
+            _, done = self._spent.pop(0)
+            if not done.done():
+                done.set_result(None)

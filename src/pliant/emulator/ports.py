@@ -1,0 +1,167 @@
+"""The line-based ports: dashboard (29999), script upload (30003), gripper (63352)."""
+
+import asyncio
+import re
+from collections.abc import Callable
+
+from pliant.emulator.controller import Controller, Mode, Runtime, Safety, note
+from pliant.emulator.program import Waypoint
+from pliant.emulator.rtde import VERSION
+
+_SERIAL_NUMBER = "20235500001"
+_MOST_LINE = 4096  # [bytes]
+_MOST_SCRIPT = 1 << 20  # [bytes]
+_CONTROL_PROGRAM = "rtde_control"
+_DEFINITION = re.compile(r"^\s*def\s+(\w+)\s*\(", re.MULTILINE)
+_PATH_MARK = "# inject move path\n"
+_NUMBER = r"[-+0-9.eE]+"
+_MOVE = re.compile(
+    rf"move(?P<kind>[jlp])\((?P<pose>p?)\[(?P<target>{_NUMBER}(?:,{_NUMBER}){{5}})\],"
+    rf"a=(?P<a>{_NUMBER}),v=(?P<v>{_NUMBER}),r={_NUMBER}\)"
+)
+
+
+class Lines(asyncio.Protocol):
+    """Answers each line that a client sends."""
+
+    def __init__(self, answer: Callable[[str], str], greeting: str = "") -> None:
+        self._answer, self._greeting = answer, greeting
+        self._buffer = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        if self._greeting:
+            transport.write(self._greeting.encode())
+
+    def data_received(self, data: bytes) -> None:
+        *lines, self._buffer = (self._buffer + data).split(b"\n")
+        for line in lines:
+            self._transport.write(self._answer(line.decode("utf-8", "replace").strip()).encode())
+        if len(self._buffer) > _MOST_LINE:
+            self._transport.abort()
+
+
+# --- dashboard -----------------------------------------------------------------------------------
+
+GREETING = "Connected: Universal Robots Dashboard Server\n"
+
+
+class Dashboard:
+    """The dashboard's commands, in PolyScope's words."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._c = controller
+        self._answers: dict[str, Callable[[], str]] = {
+            "polyscopeversion": lambda: "URSoftware " + ".".join(map(str, VERSION)),
+            "get serial number": lambda: _SERIAL_NUMBER,
+            "get robot model": lambda: "UR5",
+            "is in remote control": lambda: "true",
+            "robotmode": lambda: f"Robotmode: {controller.mode.name}",
+            "safetymode": lambda: f"Safetymode: {controller.safety.name}",
+            "safetystatus": lambda: f"Safetystatus: {controller.safety.name}",
+            "running": self._running,
+            "programstate": self._state,
+            "get loaded program": lambda: "No program loaded",
+            "isprogramsaved": lambda: "true /",
+            "stop": self._stop,
+            "play": lambda: "Failed to execute: play",
+            "pause": lambda: "Failed to execute: pause",
+            "unlock protective stop": controller.unlock,
+            "close safety popup": lambda: "closing safety popup",
+            "close popup": lambda: "closing popup",
+            "restart safety": self._restart_safety,
+            "power on": self._power_on,
+            "power off": self._power_off,
+            "brake release": self._release,
+            "quit": lambda: "Disconnected",
+        }
+
+    def answer(self, line: str) -> str:
+        words = line.lower()
+        if words.startswith("popup "):
+            return "showing popup\n"
+        if words.startswith("addtolog "):
+            return "Added log message\n"
+        answer = self._answers.get(words)
+        return (answer() if answer else f"could not understand: '{line}'") + "\n"
+
+    def _running(self) -> str:
+        return f"Program running: {str(self._c.runtime is Runtime.PLAYING).lower()}"
+
+    def _state(self) -> str:
+        return "PLAYING script" if self._c.runtime is Runtime.PLAYING else "STOPPED No program"
+
+    def _stop(self) -> str:
+        self._c.end_program("stopped at the dashboard")
+        return "Stopped"
+
+    def _restart_safety(self) -> str:
+        if self._c.safety is Safety.ROBOT_EMERGENCY_STOP:
+            return "Failed to execute: restart safety"
+        return "Restarting safety"
+
+    def _power_on(self) -> str:
+        self._c.power_on()
+        return "Powering on"
+
+    def _power_off(self) -> str:
+        self._c.power_off()
+        return "Powering off"
+
+    def _release(self) -> str:
+        if self._c.mode is Mode.POWER_OFF:
+            self._c.power_on()
+        self._c.release_brakes()
+        return "Brake releasing"
+
+
+# --- scripts -------------------------------------------------------------------------------------
+
+
+class Scripts(asyncio.Protocol):
+    """Takes uploaded scripts; a script ends with `end` at the start of a line.
+
+    Only ur_rtde's control program is known: it is not interpreted, the emulator has it built in.
+    """
+
+    def __init__(self, controller: Controller, wake: Callable[[], None]) -> None:
+        self._controller, self._wake = controller, wake
+        self._buffer = ""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self._buffer += data.decode("utf-8", "replace")
+        while "\nend\n" in self._buffer:
+            script, self._buffer = self._buffer.split("\nend\n", 1)
+            self._play(script + "\n")
+        if len(self._buffer) > _MOST_SCRIPT:
+            self._transport.abort()
+
+    def _play(self, script: str) -> None:
+        named = _DEFINITION.search(script)
+        name = named.group(1) if named else "?"
+        if name != _CONTROL_PROGRAM:
+            note(self._controller, f"script '{name}' is not ur_rtde's control program: ignored")
+            return
+        self._controller.play(path_in(script))
+        self._wake()
+
+
+def path_in(script: str) -> tuple[Waypoint, ...]:
+    """The moves that the client put into the control program for `moveL(path)` and its like."""
+    _, mark, rest = script.partition(_PATH_MARK)
+    body = rest.partition("\n    end")[0] if mark else ""
+    return tuple(
+        Waypoint(
+            joints=move["kind"] == "j",
+            pose=bool(move["pose"]),
+            target=tuple(float(v) for v in move["target"].split(",")),
+            speed=float(move["v"]),
+            acceleration=float(move["a"]),
+        )
+        for move in _MOVE.finditer(body)
+    )

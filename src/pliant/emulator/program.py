@@ -1,0 +1,418 @@
+"""The control program that ur_rtde uploads, one iteration per controller cycle.
+
+The client writes a command's number to input register 0 and its arguments to the others; the
+program performs it, writes 2 ("done") to output register 0, and 1 ("ready") when the client has
+cleared the command. A command that takes time is a generator that yields once per cycle.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.emulator import frames
+from pliant.emulator.frames import Array
+from pliant.emulator.motion import (
+    Drive,
+    Follow,
+    JointLine,
+    Path,
+    ToolLine,
+    Travel,
+    tool_advance,
+)
+from pliant.emulator.plant import TICK
+
+if TYPE_CHECKING:
+    from pliant.emulator.controller import Controller
+
+_READY, _DONE = 1, 2
+_STOP_SCRIPT = 255
+_REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
+_RUNNING_BIT, _COUNT_SHIFT, _OPERATION_SHIFT, _WRAP = 1 << 15, 16, 24, 128
+_CONTACT_FORCE = 20.0  # [N] against the direction of a motion until contact
+_CONTACT_STOP = 3.0  # [m/s2]
+_JOINT_SPEED = np.pi  # [rad/s], a joint's highest
+_STEADY = 1e-3  # [rad/s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waypoint:
+    """One move of an uploaded path."""
+
+    joints: bool  # a joint move, else a straight line
+    target: tuple[float, ...]  # (6,) joints, or a pose where `pose`
+    pose: bool
+    speed: float
+    acceleration: float
+
+
+class _Refused(Exception):
+    """The program cannot perform a command; it ends, as a script does on an error."""
+
+
+class Program:
+    """Call `cycle` once per controller cycle, until it returns False."""
+
+    def __init__(self, controller: "Controller", path: tuple[Waypoint, ...]) -> None:
+        self._c, self._path = controller, path
+        self._registers = controller.registers
+        self._busy: Iterator[None] | None = None
+        self._executing = False
+        self._background: Iterator[None] | None = None  # an asynchronous operation
+        self._writes = self._operation = 0
+        self._report(-1)
+        self._signal(_READY)
+
+    def cycle(self) -> bool:
+        try:
+            return self._cycle()
+        except _Refused as error:
+            self._c.end_program(str(error))
+            return True
+
+    def _cycle(self) -> bool:
+        if self._busy is None:
+            command = self._registers.in_int[0]
+            if command == _STOP_SCRIPT:
+                return False
+            if command == 0:
+                self._executing = False
+                self._signal(_READY)
+            elif command in _REALTIME:
+                self._perform(command)
+                self._signal(_READY)
+            elif not self._executing:
+                self._executing = True
+                self._busy = self._perform(command) or iter(())
+        if self._busy is not None and _is_over(self._busy):
+            self._busy = None
+            self._signal(_DONE)
+        if self._background is not None and _is_over(self._background):
+            self._background = None
+            self._report(-1)
+        return True
+
+    def _perform(self, command: int) -> Iterator[None] | None:
+        if command not in _COMMANDS:
+            raise _Refused(f"command {command} of the control script is not emulated")
+        return _COMMANDS[command](self)
+
+    # --- registers -------------------------------------------------------------------------------
+
+    def _signal(self, state: int) -> None:
+        self._registers.out_int[0] = state
+
+    def _report(self, progress: int) -> None:
+        """Write the asynchronous operation's word; 0 begins one, a negative value ends it."""
+        self._writes = (self._writes + 1) % _WRAP
+        if progress == 0:
+            self._operation = (self._operation + 1) % _WRAP
+        word = self._writes << _COUNT_SHIFT | self._operation << _OPERATION_SHIFT
+        self._registers.out_int[2] = word | (progress | _RUNNING_BIT if progress >= 0 else 0)
+
+    def _six(self, first: int) -> Array:
+        return np.array(self._registers.in_double[first : first + 6])
+
+    def _double(self, index: int) -> float:
+        return self._registers.in_double[index]
+
+    def _answer(self, values: Array | tuple[float, ...]) -> None:
+        self._registers.out_double[: len(values)] = [float(v) for v in values]
+
+    def _flag(self, value: bool) -> None:
+        self._registers.out_int[1] = int(value)
+
+    # --- motion ----------------------------------------------------------------------------------
+
+    def _go(self, path: Callable[[], Path], speed: float, acceleration: float) -> Iterator[None]:
+        """Stop what moves, then travel."""
+        self._c.motion.brake(acceleration, joints=False)
+        yield from self._rest()
+        start = self._c.q
+        self._c.motion = Travel(path(), start, speed, acceleration)
+        yield from self._rest()
+
+    def _rest(self) -> Iterator[None]:
+        while not self._c.motion.done:
+            yield
+
+    def _start(self, operation: Iterator[None]) -> Iterator[None] | None:
+        """In the background where the client asks for it, else until done."""
+        self._cancel()
+        if self._registers.in_int[1] != 1:
+            return operation
+        self._report(0)
+        next(operation, None)
+        self._background = operation
+        return None
+
+    def _cancel(self) -> None:
+        if self._background is not None:
+            self._background = None
+            self._report(-1)
+
+    def _line(self, target: Array) -> Path:
+        c = self._c
+        return ToolLine(c.plant, c.tool, c.q, target)
+
+    def _solved(self, tool: Array, near: Array) -> Array:
+        q = self._c.plant.solution(tool @ frames.inverse(self._c.tool), near)
+        if q is None:
+            raise _Refused(f"no inverse kinematics for {np.round(frames.pose(tool), 4).tolist()}")
+        return q
+
+    def _move_j(self) -> Iterator[None] | None:
+        return self._joint_move(self._six(0))
+
+    def _move_j_ik(self) -> Iterator[None] | None:
+        return self._joint_move(self._solved(frames.transform(self._six(0)), self._c.q))
+
+    def _joint_move(self, q: Array) -> Iterator[None] | None:
+        speed, acceleration = self._double(6), self._double(7)
+        return self._start(self._go(lambda: JointLine(self._c.q, q), speed, acceleration))
+
+    def _move_l(self) -> Iterator[None] | None:
+        return self._line_move(frames.transform(self._six(0)))
+
+    def _move_l_fk(self) -> Iterator[None] | None:
+        return self._line_move(self._c.plant.flange_of(self._six(0)) @ self._c.tool)
+
+    def _line_move(self, target: Array) -> Iterator[None] | None:
+        self._solved(target, self._c.q)  # refused before it moves
+        speed, acceleration = self._double(6), self._double(7)
+        return self._start(self._go(lambda: self._line(target), speed, acceleration))
+
+    def _move_path(self) -> Iterator[None] | None:
+        if not self._path:
+            raise _Refused("no path was uploaded")
+        return self._start(self._along(self._path))
+
+    def _along(self, path: tuple[Waypoint, ...]) -> Iterator[None]:
+        for number, waypoint in enumerate(path):
+            if number and self._background is not None:
+                self._report(number)
+            yield from self._leg(waypoint)
+
+    def _leg(self, waypoint: Waypoint) -> Iterator[None]:
+        values = np.array(waypoint.target)
+        if waypoint.joints:
+            q = self._solved(frames.transform(values), self._c.q) if waypoint.pose else values
+            return self._go(lambda: JointLine(self._c.q, q), waypoint.speed, waypoint.acceleration)
+        target = (
+            frames.transform(values)
+            if waypoint.pose
+            else self._c.plant.flange_of(values) @ self._c.tool
+        )
+        return self._go(lambda: self._line(target), waypoint.speed, waypoint.acceleration)
+
+    def _stop_l(self) -> Iterator[None] | None:
+        return self._stop(joints=False)
+
+    def _stop_j(self) -> Iterator[None] | None:
+        return self._stop(joints=True)
+
+    def _stop(self, *, joints: bool) -> Iterator[None] | None:
+        deceleration = self._double(0)
+        self._cancel()
+        self._c.motion.brake(deceleration, joints=joints)
+        return self._start(self._rest())
+
+    def _halted(self) -> Iterator[None]:
+        """For speedStop, servoStop and jogStop."""
+        self._c.motion.brake(self._double(0) or _CONTACT_STOP, joints=False)
+        yield from self._rest()
+
+    def _speed_j(self) -> None:
+        self._drive(lambda q, change: q + change, joints=True)
+
+    def _speed_l(self) -> None:
+        self._drive(tool_advance(self._c.plant, self._c.tool), joints=False)
+
+    def _drive(self, advance: Callable[[Array, Array], Array], *, joints: bool) -> None:
+        motion = self._c.motion
+        if not isinstance(motion, Drive) or motion.joints is not joints:
+            motion = Drive(self._c.q, advance, joints=joints)
+            self._c.motion = motion
+        motion.toward(self._six(0), self._double(6))
+
+    def _jog_start(self) -> None:
+        velocity, feature = self._six(0), round(self._double(6))
+        turn = {0: np.eye(3), 1: self._c.tool_pose()[:3, :3]}.get(
+            feature, frames.transform(self._six(8))[:3, :3]
+        )
+        motion = Drive(self._c.q, tool_advance(self._c.plant, self._c.tool), joints=False)
+        turned = np.concatenate([turn @ velocity[:3], turn @ velocity[3:]])
+        motion.toward(turned, self._double(7))
+        self._c.motion = motion
+
+    def _servo_j(self) -> None:
+        self._follow(self._six(0))
+
+    def _servo_l(self) -> None:
+        self._follow(self._solved(frames.transform(self._six(0)), self._c.q))
+
+    def _follow(self, q: Array) -> None:
+        motion = self._c.motion
+        if not isinstance(motion, Follow):
+            motion = Follow(self._c.q, _JOINT_SPEED)
+            self._c.motion = motion
+        motion.toward(q, self._double(9))
+
+    def _until_contact(self) -> Iterator[None]:
+        velocity, direction = self._six(0), self._six(6)[:3]
+        if not np.any(direction):
+            direction = velocity[:3]
+        along = direction / max(float(np.linalg.norm(direction)), 1e-9)
+        c = self._c
+        motion = Drive(c.q, tool_advance(c.plant, c.tool), joints=False)
+        motion.toward(velocity, self._double(12))
+        c.motion = motion
+        while float(c.sensor.reported[:3] @ along) > -_CONTACT_FORCE:
+            yield
+        touched = c.q
+        motion.brake(_CONTACT_STOP, joints=False)
+        yield from self._rest()
+        yield from self._go(lambda: JointLine(c.q, touched), 0.5, 1.0)
+
+    # --- freedrive: a hand guides the arm through the admin port ---------------------------------
+
+    def _freedrive(self) -> None:
+        self._c.freedrive = True
+
+    def _end_freedrive(self) -> Iterator[None]:
+        self._c.freedrive = False
+        self._c.motion.brake(_CONTACT_STOP, joints=False)
+        yield from self._rest()
+
+    # --- set-up and questions --------------------------------------------------------------------
+
+    def _zero_sensor(self) -> None:
+        self._c.sensor.zero(self._c.plant.flange[:3, :3])
+
+    def _payload(self) -> None:
+        centre = self._centre() or self._c.sensor.payload.centre
+        self._c.set_payload(self._double(0), centre, self._c.sensor.payload.inertia)
+
+    def _target_payload(self) -> None:
+        centre = self._centre() or self._c.sensor.payload.centre
+        self._c.set_payload(self._double(0), centre, tuple(self._six(4)))
+
+    def _centre(self) -> tuple[float, float, float] | None:
+        x, y, z = self._registers.in_double[1:4]
+        return (x, y, z) if (x, y, z) != (0.0, 0.0, 0.0) else None
+
+    def _set_tool(self) -> None:
+        self._c.tool = frames.transform(self._six(0))
+
+    def _protective_stop(self) -> None:
+        self._c.protective_stop("asked for by the client")
+
+    def _watchdog(self) -> None:
+        self._c.watch(self._double(0))
+
+    def _pose_is_safe(self) -> None:
+        self._flag(self._c.within_limits(frames.transform(self._six(0)), self._c.q))
+
+    def _joints_are_safe(self) -> None:
+        self._flag(self._c.joints_within_limits(self._six(0)))
+
+    def _inverse(self) -> None:
+        self._answer(self._solved(frames.transform(self._six(0)), self._c.q))
+
+    def _inverse_near(self) -> None:
+        self._answer(self._solved(frames.transform(self._six(0)), self._six(6)))
+
+    def _has_inverse(self) -> None:
+        tool = frames.transform(self._six(0)) @ frames.inverse(self._c.tool)
+        self._flag(self._c.plant.solution(tool, self._c.q) is not None)
+
+    def _forward(self) -> None:
+        self._answer(frames.pose(self._c.tool_pose()))
+
+    def _forward_of(self) -> None:
+        tool = frames.transform(self._six(6))
+        self._answer(frames.pose(self._c.plant.flange_of(self._six(0)) @ tool))
+
+    def _trans(self) -> None:
+        self._answer(frames.pose(frames.transform(self._six(0)) @ frames.transform(self._six(6))))
+
+    def _tool_offset(self) -> None:
+        self._answer(frames.pose(self._c.tool))
+
+    def _flange_pose(self) -> None:
+        self._answer(frames.pose(self._c.plant.flange))
+
+    def _waypoint(self) -> None:
+        self._answer(frames.pose(self._c.tool_target()))
+
+    def _steady(self) -> None:
+        moving = float(np.abs(self._c.plant.qd).max()) > _STEADY
+        self._flag(self._c.motion.done and not moving)
+
+    def _step_time(self) -> None:
+        self._answer((TICK,))
+
+    def _history(self) -> None:
+        ago = min(max(self._registers.in_int[1], 0), len(self._c.history) - 1)
+        self._answer(self._c.history[-1 - ago])
+
+    def _torques(self) -> None:
+        self._answer(self._c.plant.joint_torques)
+
+    def _freedrive_status(self) -> None:
+        self._flag(self._c.freedrive)
+
+
+def _is_over(operation: Iterator[None]) -> bool:
+    return next(operation, _OVER) is _OVER
+
+
+_OVER = object()
+
+_P = Program
+_COMMANDS: Mapping[int, Callable[[Program], Iterator[None] | None]] = {
+    1: _P._move_j,
+    2: _P._move_j_ik,
+    3: _P._move_l,
+    4: _P._move_l_fk,
+    8: _P._zero_sensor,
+    9: _P._speed_j,
+    10: _P._speed_l,
+    11: _P._servo_j,
+    15: _P._halted,
+    16: _P._halted,
+    17: _P._payload,
+    18: _P._freedrive,  # teach mode, freedrive's former name
+    19: _P._end_freedrive,
+    24: _P._servo_l,
+    26: _P._step_time,
+    27: _P._history,
+    28: _P._waypoint,
+    29: _P._set_tool,
+    30: _P._inverse_near,
+    31: _P._protective_stop,
+    33: _P._stop_l,
+    34: _P._stop_j,
+    35: _P._watchdog,
+    36: _P._pose_is_safe,
+    37: _P._joints_are_safe,
+    38: _P._torques,
+    39: _P._trans,
+    40: _P._tool_offset,
+    41: _P._jog_start,
+    42: _P._halted,
+    43: _P._forward,
+    44: _P._forward_of,
+    45: _P._move_path,
+    46: _P._inverse,
+    47: _P._steady,
+    51: _P._until_contact,
+    52: _P._freedrive,
+    53: _P._end_freedrive,
+    54: _P._freedrive_status,
+    58: _P._flange_pose,
+    60: _P._has_inverse,
+    65: _P._target_payload,
+}
