@@ -1,11 +1,13 @@
 """Experiments are built from names and files, and know what decides their outcomes."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pliant.errors import InputError
+from pliant.experiment import runner
 from pliant.experiment.plan import Experiment, differences, from_fields, load
 
 NAMES: dict[str, Any] = {
@@ -138,3 +140,67 @@ def test_the_fingerprint_changes_with_all_that_decides_outcomes(tmp_path: Path) 
     after = from_fields(fields)
     assert after.fingerprint != before.fingerprint
     assert differences(before.document, after.document) == ["cells"]
+
+
+# --- models --------------------------------------------------------------------------------------
+
+
+def test_a_vlm_is_compared_with_itself_under_other_settings_on_the_same_seeds() -> None:
+    planned = from_fields(
+        {
+            "pegs": "circle",
+            "conditions": "all",
+            "reasoners": ["rules", "vlm", {"name": "blind", "picture": False}],
+            "vlm": {"model": "openai:gpt-4o", "plan": "absolute"},
+        },
+        {"vlm": {"history": 2}},
+    )
+    rules, whole, blind = planned.cells
+    assert rules.vlm is None
+    assert whole.vlm is not None
+    assert blind.vlm == replace(whole.vlm, picture=False)
+    assert (whole.reasoner, whole.vlm.plan, whole.vlm.history) == ("vlm", "absolute", 2)
+    assert planned.models == ["openai:gpt-4o"] * 2
+    assert blind.spec(3).trial_id == "L0-circle-all-blind-3"
+
+
+def test_a_setting_of_the_model_changes_the_fingerprint() -> None:
+    def planned(**settings: Any) -> str:
+        fields = {"pegs": "circle", "conditions": "all", "reasoners": "vlm"}
+        return from_fields({**fields, "vlm": {"model": "m", **settings}}).fingerprint
+
+    assert planned(picture=False) != planned() == planned(picture=True)
+
+
+@pytest.mark.parametrize(
+    ("reasoner", "settings", "said"),
+    [
+        ("vlm", {"modle": "m"}, "unknown field of the VLM 'modle'"),
+        ("vlm", {"plan": "free"}, "VLM: plan is 'free'"),
+        ("vlm", {"deadline_s": 0}, "deadline_s is 0: it must be above 0"),
+        ("vlm", {"base_url": "ftp://here"}, "base_url is 'ftp://here'"),
+        ("vlm", {"base_url": "http://me:secret@here/v1"}, "base_url holds a name, a password"),
+        ({"name": "rules", "picture": False}, {}, "reasoner 'rules' is no VLM"),
+        ({"picture": False}, {}, "reasoner's name is None"),
+        ("vlm", ["m"], "vlm is"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused_in_one_line(
+    reasoner: Any, settings: Any, said: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        from_fields({"pegs": "circle", "conditions": "all", "reasoners": reasoner, "vlm": settings})
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert "secret" not in str(refused.value)
+
+
+def test_a_missing_key_is_refused_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    fields = {"pegs": "circle", "conditions": "all", "reasoners": "vlm"}
+    planned = from_fields({**fields, "vlm": {"model": "openai:gpt-4o"}})
+    with pytest.raises(InputError, match="set the environment variable OPENAI_API_KEY"):
+        runner.run(planned, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -173,3 +173,19 @@ def test_the_documents_first_example_runs(tmp_path: Path) -> None:
     exec(code.replace("runs/table2", str(tmp_path)), found)
     assert isinstance(found["trials"], pa.Table)
     assert found["trials"].schema.equals(schema(TRIALS))
+
+
+def test_a_model_s_own_decisions_are_told_from_clamped_ones_and_fallbacks() -> None:
+    exchange = Exchange(stage="plan", request="?", reply="!", model="m", input_tokens=3)
+    steps = (goal_step(Formation.FIT, -0.002),)
+    asked = replace(FIT.verdict, exchanges=(exchange,))
+    cut = replace(recovery_of(*steps), exchanges=(exchange,), clamped=(goal_step(Formation.FIT),))
+    instead = replace(recovery_of(*steps), fallback="no reply")
+    clamped = replace(FIT, verdict=asked, recovery=cut)
+    fallen = replace(FIT, verdict=asked, recovery=instead)
+    rows = rows_of(trial((clamped, BEFORE), (fallen, BEFORE), (FIT, SEATED)))
+    told = {k: rows.trial[k] for k in ("decisions", "clamped", "fallbacks", "tokens")}
+    assert told == {"decisions": 4, "clamped": 1, "fallbacks": 1, "tokens": 9}
+    assert len(rows.executions[0]["clamped_from"]) == 1
+    assert rows.executions[1]["recovery_fallback"] == "no reply"
+    assert rows.executions[2]["verdict_fallback"] is None

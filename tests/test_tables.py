@@ -207,3 +207,27 @@ def test_what_is_no_finished_run_is_refused_with_what_to_do(tmp_path: Path, fold
     (folder / "trials.parquet").write_bytes((folder / "executions.parquet").read_bytes())
     with pytest.raises(InputError, match="cannot be read"):
         tables.timing(folder)
+
+
+def test_a_model_alone_has_failed_where_the_rules_stepped_in() -> None:
+    asked = {"decisions": 10, "tokens": 100, "cost_usd": 0.5}
+    rows = [
+        made(1, True, **asked),
+        made(2, True, **asked, clamped=1),
+        made(3, True, **asked, fallbacks=2),
+        made(4, False, **asked),
+    ]
+    share = measures.model_share([r.trial for r in rows])
+    assert share is not None
+    assert (share["alone"]["successes"], share["alone"]["n"]) == (1, 4)
+    assert (share["decisions"], share["clamped"], share["fallbacks"]) == (40, 1, 2)
+    assert share["own_percent"] == 100 * 37 / 40
+    assert (share["tokens"], share["cost_usd"]) == (100, 0.5)
+    assert measures.model_share([made(1, True).trial]) is None
+
+
+def test_a_table_shows_the_model_s_own_share(tmp_path: Path) -> None:
+    results.write_rows(tmp_path, [made(1, True, decisions=7, fallbacks=7), made(2, True)])
+    text = markdown(tables.build(tmp_path))
+    assert "## The model's own share" in text
+    assert "| 7 | 0.0 | 0 | 7 |" in text

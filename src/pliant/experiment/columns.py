@@ -98,6 +98,12 @@ TRIALS: tuple[Column, ...] = (
     _column("simulated_s", _NUMBER, "on the robot's clock", "s"),
     _column("wall_s", _NUMBER, "on the wall clock; the only column that differs in a rerun", "s"),
     _column("failure_kind", _TEXT, "null: judged and inserted, or the truth is not known"),
+    _column("decisions", _WHOLE, "verdicts and recoveries that a model was asked for"),
+    _column("clamped", _WHOLE, "of these, plans cut down to what may be done"),
+    _column("fallbacks", _WHOLE, "of these, made by the rules in the model's place"),
+    _column("tokens", _WHOLE, "sent to the model and received"),
+    _column("cost_usd", _NUMBER, "of the model; null: not known or no model", "USD"),
+    _column("latency_s", _NUMBER, "waited for the model; differs in a rerun with one", "s"),
     *(
         _column(f"drawn_{q}", _NUMBER, f"{_DRAWN[q][1]}: drawn, or nominal", _DRAWN[q][0])
         for q in NOMINAL
@@ -126,6 +132,7 @@ EXECUTIONS: tuple[Column, ...] = (
     _column("reason", _TEXT, "the verdict's reason"),
     _column("conflict", _TEXT, "which sources disagreed; null: none"),
     _column("by", _TEXT, "who judged"),
+    _column("verdict_fallback", _TEXT, "why the rules judged in a model's place; null: not so"),
     _column("truth_inserted", _YES_NO, "10 mm deep inside the hole; null: not known"),
     _column("truth_fit", _YES_NO, "the peg's low edge is in the hole; null: not known"),
     _column("truth_depth_m", _NUMBER, "of the bottom face's centre below the board", "m"),
@@ -143,6 +150,8 @@ EXECUTIONS: tuple[Column, ...] = (
     _column("admitted", _STEPS, "the steps that may be done"),
     _column("refusals", pa.list_(_TEXT), "why the rest may not"),
     _column("recovery_by", _TEXT, "who made the recovery"),
+    _column("recovery_fallback", _TEXT, "why the rules planned in a model's place; null: not so"),
+    _column("clamped_from", _STEPS, "what a model proposed where its plan was cut; null: not cut"),
     _column("tokens", _WHOLE, "spent on the verdict and the recovery"),
     _column("cost_usd", _NUMBER, "of both; null: not known or no model", "USD"),
     _column("latency_s", _NUMBER, "waited for a model; differs in a rerun with a model", "s"),

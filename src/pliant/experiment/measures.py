@@ -128,6 +128,25 @@ def false_alignments(executions: Sequence[Row]) -> dict[str, int]:
     return {"accepted": accepted, "false": false, "stopped": stopped}
 
 
+def model_share(trials: Sequence[Row]) -> dict[str, Any] | None:
+    """What was a model's own: its share of the decisions [%], and the success of the model alone,
+    which stops where the rules would step in. None: no model was asked."""
+    decisions = sum(t.get("decisions", 0) for t in trials)  # a column that older runs lack
+    if not decisions:
+        return None
+    others = {name: sum(t[name] for t in trials) for name in ("clamped", "fallbacks")}
+    costs = [t["cost_usd"] for t in trials if t["cost_usd"] is not None]
+    alone = (False if t["clamped"] or t["fallbacks"] else inserted(t) for t in trials)
+    return {
+        "decisions": decisions,
+        "own_percent": 100 * (decisions - sum(others.values())) / decisions,
+        **others,
+        "alone": rate(alone),
+        "tokens": sum(t["tokens"] for t in trials) / len(trials),
+        "cost_usd": sum(costs) / len(trials) if costs else None,
+    }
+
+
 def kinds(trials: Iterable[Row]) -> dict[str, int]:
     """How often each kind of failure."""
     return dict(Counter(t["failure_kind"] for t in trials if t["failure_kind"] is not None))

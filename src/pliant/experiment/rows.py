@@ -13,7 +13,7 @@ from pliant.experiment.columns import axis_field
 from pliant.experiment.one import Spec
 from pliant.formations import RECOVERABLE, Formation, Step
 from pliant.pose import Axis, Partial, Pose
-from pliant.records import End, Exchange, Execution, Trial
+from pliant.records import End, Exchange, Execution, Recovery, Trial, Verdict
 
 Row = dict[str, Any]
 
@@ -72,6 +72,8 @@ def trial_row(trial: Trial) -> Row:
         "simulated_s": _number(trial.simulated_s),
         "wall_s": trial.wall_s,
         "failure_kind": failure_kind(trial),
+        **_asked(trial),
+        **_spent([x for e in trial.executions for x in _exchanges(e)]),
         **{f"drawn_{name}": value for name, value in trial.drawn.items()},
     }
 
@@ -85,7 +87,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float) -> Rows:
             "peg": spec.task.peg.name,
             "condition": spec.condition.name,
             "reasoner": spec.reasoner,
-            "model": None,
+            "model": None if spec.vlm is None else spec.vlm.model,
             "seed": spec.seed,
             "judged": False,
             "inserted": None,
@@ -98,6 +100,10 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float) -> Rows:
             "simulated_s": 0.0,
             "wall_s": wall_s,
             "failure_kind": "fault",
+            "decisions": 0,
+            "clamped": 0,
+            "fallbacks": 0,
+            **_spent([]),
             **{f"drawn_{k}": v for k, v in spec.condition.draw(spec.seed).quantities().items()},
         }
     )
@@ -123,13 +129,12 @@ def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> R
         "reason": verdict.reason,
         "conflict": verdict.conflict,
         "by": verdict.by,
+        "verdict_fallback": verdict.fallback or None,
     }
     if truth is not None:
         row |= _truth(truth)
-    exchanges = list(verdict.exchanges)
     recovery, admission = execution.recovery, execution.admission
     if recovery is not None:
-        exchanges += recovery.exchanges
         row |= {
             "analysis_what": recovery.analysis.what,
             "analysis_why": recovery.analysis.why,
@@ -137,10 +142,13 @@ def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> R
             "analysis_motion": _goal(recovery.analysis.motion),
             "proposed": _steps(recovery.steps),
             "recovery_by": recovery.by,
+            "recovery_fallback": recovery.fallback or None,
         }
+        if recovery.clamped is not None:
+            row["clamped_from"] = _steps(recovery.clamped)
     if admission is not None:
         row |= {"admitted": _steps(admission.steps), "refusals": list(admission.refusals)}
-    return row | _spent(exchanges)
+    return row | _spent(_exchanges(execution))
 
 
 def failure_kind(trial: Trial) -> str | None:
@@ -185,6 +193,23 @@ def _truth(truth: Truth) -> Row:
         "truth_hole_y_m": _number(truth.hole_y),
         "truth_compression_m": _number(truth.compression_m),
     }
+
+
+def _asked(trial: Trial) -> Row:
+    """How many decisions a model was asked for, and how many were not its own in the end."""
+    verdicts = [e.verdict for e in trial.executions]
+    plans = [e.recovery for e in trial.executions if e.recovery is not None]
+    made: list[Verdict | Recovery] = [*verdicts, *plans]
+    return {
+        "decisions": sum(bool(d.exchanges or d.fallback) for d in made),
+        "clamped": sum(plan.clamped is not None for plan in plans),
+        "fallbacks": sum(bool(d.fallback) for d in made),
+    }
+
+
+def _exchanges(execution: Execution) -> list[Exchange]:
+    planned = execution.recovery
+    return [*execution.verdict.exchanges, *(planned.exchanges if planned is not None else ())]
 
 
 def _spent(exchanges: list[Exchange]) -> Row:

@@ -116,6 +116,7 @@ def _cell(cell: _Cell) -> Document:
             for name in ("cycles", "trials_with_cycles", "accepted", "false", "stopped")
         },
         "failure_kinds": measures.kinds(trials),
+        "own": measures.model_share(trials),
     }
 
 

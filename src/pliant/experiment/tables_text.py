@@ -35,6 +35,8 @@ def markdown(document: Document) -> str:
         "## Failures by kind, from the truth",
         failure_kinds(cells),
     ]
+    if any(c.get("own") for c in cells):
+        sections += ["## The model's own share", own(cells)]
     return "\n\n".join(sections) + "\n"
 
 
@@ -146,6 +148,27 @@ def failure_kinds(cells: Sequence[Document]) -> str:
     )
     meanings = "\n".join(f"- {k.replace('_', ' ')}: {KINDS[k]}" for k in kinds)
     return f"{_table(header, rows)}\n\n{meanings}"
+
+
+def own(cells: Sequence[Document]) -> str:
+    """How many decisions were the model's own, and how often it inserts without the rules."""
+    header = ["peg", "condition", "reasoner", "n", "G [%]", "G alone [%]", "decisions", "own [%]"]
+    header += ["clamped", "by the rules", "tokens a trial", "USD a trial"]
+    rows = []
+    for c in cells:
+        share = c.get("own")
+        if share is not None:
+            cost = "–" if share["cost_usd"] is None else f"{share['cost_usd']:.4f}"
+            counts = [str(share[n]) for n in ("clamped", "fallbacks")]
+            rows.append(
+                [*_who(c), str(c["n"]), _rate(c["inserted"]), _rate(share["alone"])]
+                + [str(share["decisions"]), f"{share['own_percent']:.1f}", *counts]
+                + [f"{share['tokens']:.0f}", cost]
+            )
+    meaning = (
+        "G alone counts a trial in which a plan was clamped or the rules stepped in as failed."
+    )
+    return f"{_table(header, rows)}\n\n{meaning}"
 
 
 def _who(cell: Document) -> list[str]:

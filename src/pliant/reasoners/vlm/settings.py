@@ -140,6 +140,9 @@ def from_fields(given: Mapping[str, Any]) -> Settings:
         return _adapter().validate_python(dict(given))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, InputError):
+            raise cause from error
         field, value = first["loc"][0] if first["loc"] else "settings", first["input"]
         raise InputError(f"VLM: {field} is {value!r}: {first['msg'].lower()}") from error
 
