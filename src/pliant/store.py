@@ -72,11 +72,11 @@ class Pictures:
     unwritten: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     def path(self, image: NDArray[np.uint8]) -> Path:
-        return self.folder / f"{_hash(image)}.png"
+        return self.folder / f"{picture_name(image)}.png"
 
     def save(self, image: NDArray[np.uint8]) -> str:
         """The picture's name. It is written by `write`: what is raised here, pydantic hides."""
-        name = _hash(image)
+        name = picture_name(image)
         self.unwritten[name] = image
         return name
 
@@ -96,12 +96,13 @@ class Pictures:
         if bgr is None:
             raise ValueError(f"the picture {path.name} is missing or broken")
         image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
-        if _hash(image) != name:
+        if picture_name(image) != name:
             raise ValueError(f"the picture {path.name} is not the one that was stored")
         return image
 
 
-def _hash(image: NDArray[np.uint8]) -> str:
+def picture_name(image: NDArray[np.uint8]) -> str:
+    """The hash of a picture's pixels, by which it is named."""
     shape = "x".join(str(n) for n in image.shape)
     return hashlib.sha256(shape.encode() + image.tobytes()).hexdigest()[:16]
 
