@@ -2,56 +2,30 @@
 
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+from view_folders import HOSTILE, Page, ran, told
 
-from pliant.experiment.one import Spec, perform
-from pliant.formations import Formation, Step
-from pliant.pose import Axis
-from pliant.records import Admission, Exchange, Execution, FailureAnalysis, Recovery, Trial
+from pliant.errors import InputError
+from pliant.records import Trial
 from pliant.report import overlay, strip, video
 from pliant.report.canvas import FAILURE, SUCCESS
+from pliant.report.html import plain
 from pliant.report.trial import write
-from pliant.sim.cell import SimCell, Trajectory
+from pliant.sim.cell import Trajectory
 from pliant.sim.replay import Replay
 from pliant.store import load_trial
-from pliant.task import condition, load_task
 from pliant.teaching import shipped
 
-MARKUP = "<script>alert('hi')</script> & <b>bold</b>"
-
 
 @pytest.fixture(scope="module")
-def ran() -> tuple[Trial, Trajectory]:
-    cell = SimCell()
-    spec = Spec(task=load_task("circle"), condition=condition("none"), seed=1, reasoner="none")
-    return perform(spec, cell, shipped()), cell.trajectory()
-
-
-@pytest.fixture(scope="module")
-def trial(ran: tuple[Trial, Trajectory]) -> Trial:
+def trial() -> Trial:
     """A trial whose Fit is judged a failure by a model that writes markup."""
-    executions = list(ran[0].executions)
-    executions[2] = failed(executions[2])
-    return replace(ran[0], executions=tuple(executions), model=MARKUP)
-
-
-def failed(execution: Execution) -> Execution:
-    exchange = Exchange(stage="judge", request="judge", reply=MARKUP, model="m")
-    step = Step(formation=Formation.FIT, goal={Axis.Y: -0.04}, retreat=True)
-    beyond = Step(formation=Formation.ALIGN, goal={Axis.Y: 0.5})
-    analysis = FailureAnalysis(what=MARKUP, why="too short", how="further", motion=step.goal)
-    return replace(
-        execution,
-        verdict=replace(execution.verdict, success=False, reason=MARKUP, exchanges=(exchange,)),
-        recovery=Recovery(analysis=analysis, steps=(step, beyond), by="m"),
-        admission=Admission(steps=(step,), refusals=("align: too far",)),
-    )
+    return told(HOSTILE)
 
 
 @pytest.fixture(scope="module")
@@ -61,42 +35,65 @@ def folder(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class Page(HTMLParser):
-    """The elements and the text of a page."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.words = ""
-        self.feed(path.read_text())
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_data(self, data: str) -> None:
-        self.words += data
-
-    def all(self, tag: str) -> list[dict[str, str | None]]:
-        return [attributes for name, attributes in self.elements if name == tag]
+def page_of(folder: Path) -> Page:
+    return Page((folder / "index.html").read_text())
 
 
 # --- the page ----------------------------------------------------------------------------------
 
 
 def test_the_page_shows_what_models_wrote_as_text(folder: Path) -> None:
-    page = Page(folder / "index.html")
-    assert page.words.count(MARKUP) == 4  # the model's name, the reason, the reply, the analysis
+    page = page_of(folder)
+    shown = plain(HOSTILE)
+    assert page.words.count(shown) == 8  # name, reason, two requests, two replies, refusal, why
     assert len(page.all("script")) == 3  # the page's own, its data and the library
     assert page.all("b") == []
+    assert "\x1b" not in page.words
+
+
+def test_the_page_holds_each_call_to_the_model_with_its_pictures(folder: Path) -> None:
+    page = page_of(folder)
+    assert len(page.all("details")) == 2
+    assert page.words.count("1,200 tokens in (800 cached), 34 out, 1.5 s, 0.0123 USD") == 2
+    assert page.words.count("✗ Not used:") == 1
+    sent = [p for p in page.all("img") if "that call" in str(p["alt"])]
+    assert len(sent) == 2
+    assert all((folder / str(p["src"])).is_file() for p in sent)
+
+
+def test_the_page_sets_proposed_admitted_and_commanded_side_by_side(folder: Path) -> None:
+    words = page_of(folder).words
+    assert "Fallback: the rules planned in the model's place. no answer in time" in words
+    assert "Clamped: the model's plan was cut down" in words
+    fit, align = "Fit to y −40.0 mm, after a retreat", "Align to y"
+    commanded = "Align to y 0.0 mm, execution 4"  # the trial went on as it was
+    assert f"{fit}{fit}{fit}{commanded}" in words
+    assert f"{align} 500.0 mm{align} 30.0 mmrefused–" in words
+
+
+def test_the_page_draws_what_the_robot_measured_over_the_executions(
+    folder: Path, trial: Trial
+) -> None:
+    data = page_of(folder).data
+    samples = sum(len(m.trace.time_s) for e in trial.executions for m in e.outcome.motions)
+    motions = sum(len(e.outcome.motions) for e in trial.executions)
+    traces = data["traces"]
+    assert {len(column) for column in traces.values()} == {samples + motions}
+    assert traces["z"].count(None) == motions  # gaps
+    assert traces["time"] == sorted(traces["time"])
+    fit = data["executions"][2]
+    assert fit["owned"] == ["y"]
+    assert fit["goal"]["y"] == pytest.approx(trial.executions[2].outcome.target.y * 1e3, abs=0.01)
+    assert data["limits"]["compression"] == [20.0]
 
 
 def test_the_page_has_a_card_for_each_execution_in_order(folder: Path, trial: Trial) -> None:
-    cards = [c["id"] for c in Page(folder / "index.html").all("article")]
+    cards = [c["id"] for c in page_of(folder).all("article")]
     assert cards == [f"execution-{n + 1}" for n in range(len(trial.executions))]
 
 
 def test_the_page_tells_plan_refusal_and_truth_apart(folder: Path, trial: Trial) -> None:
-    page = Page(folder / "index.html")
+    page = page_of(folder)
     assert "Fit to y −40.0 mm, after a retreat" in page.words
     assert "align: too far" in page.words
     assert page.words.count("Ground truth, not seen by the method") == len(trial.executions) + 1
@@ -104,7 +101,7 @@ def test_the_page_tells_plan_refusal_and_truth_apart(folder: Path, trial: Trial)
 
 
 def test_the_page_needs_no_network_and_every_picture_is_there_and_described(folder: Path) -> None:
-    page = Page(folder / "index.html")
+    page = page_of(folder)
     assert not re.search(r"(src|href)=\"((?!data:,)\w+:|//)", (folder / "index.html").read_text())
     for picture in page.all("img"):
         assert picture["alt"]
@@ -116,7 +113,7 @@ def test_a_trial_that_failed_before_its_first_execution_has_a_page(
 ) -> None:
     fault = replace(trial, executions=(), truths=(), end_reason="fault:lost", fault="no answer")
     write(tmp_path, fault, shipped(), video=False)
-    assert "fault:lost: no answer" in Page(tmp_path / "index.html").words
+    assert "fault:lost: no answer" in page_of(tmp_path).words
     assert load_trial(tmp_path).end_reason == "fault:lost"
 
 
@@ -151,11 +148,22 @@ def test_the_strip_is_green_for_success_and_purple_for_failure(trial: Trial) -> 
     assert FAILURE in colours
 
 
+def test_rewriting_a_trial_leaves_nothing_of_another(trial: Trial, tmp_path: Path) -> None:
+    write(tmp_path, trial, shipped(), trajectory=ran()[1])
+    shorter = replace(trial, executions=trial.executions[:2], truths=trial.truths[:2])
+    (tmp_path / "video.mp4").write_bytes(b"of the longer one")
+    write(tmp_path, shorter, shipped())
+    overlays = sorted(path.name for path in (tmp_path / "overlays").iterdir())
+    assert overlays == ["01-approach.jpg", "02-contact.jpg"]
+    assert not (tmp_path / "video.mp4").exists()
+    assert not (tmp_path / "trajectory.npz").exists()
+
+
 # --- the video ---------------------------------------------------------------------------------
 
 
-def test_a_replay_draws_what_the_trial_saw(ran: tuple[Trial, Trajectory]) -> None:
-    trial, trajectory = ran
+def test_a_replay_draws_what_the_trial_saw() -> None:
+    trial, trajectory = ran()
     replay = Replay(trial.task, trajectory)
     drawn = replay.image("side", len(replay) - 1).astype(float)
     replay.cameras.close()
@@ -163,13 +171,11 @@ def test_a_replay_draws_what_the_trial_saw(ran: tuple[Trial, Trajectory]) -> Non
     assert np.abs(drawn - seen).mean() < 1.0
 
 
-def test_the_storyboard_shows_every_moment_and_halts_at_each_verdict(
-    trial: Trial, ran: tuple[Trial, Trajectory]
-) -> None:
-    shots = video.storyboard(trial, ran[1])
+def test_the_storyboard_shows_every_moment_and_halts_at_each_verdict(trial: Trial) -> None:
+    shots = video.storyboard(trial, ran()[1])
     samples = [shot.sample for shot in shots]
     assert samples == sorted(samples)
-    assert set(samples) == set(range(len(ran[1].time_s)))
+    assert set(samples) == set(range(len(ran()[1].time_s)))
     spans = video.spans(shots)
     assert len(spans) == len(trial.executions)
     assert all(span.begins < span.judged < span.ends for span in spans)
@@ -177,10 +183,14 @@ def test_the_storyboard_shows_every_moment_and_halts_at_each_verdict(
     assert all(shot.execution is not None for shot in shots if shot.judged)
 
 
-def test_the_video_decodes_with_every_frame(
-    trial: Trial, ran: tuple[Trial, Trajectory], tmp_path: Path
-) -> None:
-    whole = ran[1]
+def test_a_video_without_a_trajectory_is_refused(trial: Trial, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no trajectory"):
+        write(tmp_path, trial, shipped(), video=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_video_decodes_with_every_frame(trial: Trial, tmp_path: Path) -> None:
+    whole = ran()[1]
     short = Trajectory(time_s=whole.time_s[:5], qpos=whole.qpos[:5], setup=whole.setup)
     brief = replace(trial, executions=(), truths=())
     write(tmp_path, brief, shipped(), trajectory=short, video=True)

@@ -79,7 +79,10 @@ const COLUMNS = [
   { name: "kind", label: "failure", of: (n) => text(data.kinds[columns.kind[n]] ?? "–") },
   { name: "executions", label: "executions", of: amount(columns.executions, 0) },
   ...Object.entries(quantities).map(([name, label]) => ({ name, label, of: amount(columns[name], 2) })),
-  ...("tokens" in columns ? [
+  ...("decisions" in columns ? [
+    { name: "decisions", label: "asked", of: amount(columns.decisions, 0) },
+    { name: "fallbacks", label: "by the rules", of: amount(columns.fallbacks, 0) },
+    { name: "clamped", label: "clamped", of: amount(columns.clamped, 0) },
     { name: "tokens", label: "tokens", of: amount(columns.tokens, 0) },
     { name: "cost_usd", label: "cost [USD]", of: amount(columns.cost_usd, 4) },
     { name: "latency_s", label: "waited [s]", of: amount(columns.latency_s, 1) },

@@ -2,6 +2,7 @@
 better, and every trial to be found, failures first."""
 
 import math
+import re
 from collections.abc import Collection, Sequence
 
 from pliant.experiment.measures import Row, inserted
@@ -12,7 +13,7 @@ from pliant.report.charts import Bar, Bin, histogram
 from pliant.report.document import document
 from pliant.report.html import Html, join, tag
 from pliant.report.overview_data import data, heading, in_report, quantities
-from pliant.report.parts import chapter, facts, notice, table
+from pliant.report.parts import chapter, facts, notice
 from pliant.report.summary import Summary
 
 _BINS = 8
@@ -21,6 +22,7 @@ _BINS = 8
 def render(summary: Summary, title: str, pages: Collection[str]) -> str:
     """The page's text. `pages` has the id of each trial that has a page, in its own folder."""
     made = summary.tables
+    asked = [cell for cell in made["cells"] if cell.get("own")]
     chapters = [
         ("table2", "Table II: success, and average extra executions", tables.table2(made["cells"])),
         (
@@ -31,10 +33,10 @@ def render(summary: Summary, title: str, pages: Collection[str]) -> str:
         ("where", "Where it fails", _where(summary.trials)),
         ("kinds", "Kinds of failure", tables.kinds(made["cells"])),
         ("pairs", "Reasoner against reasoner, on the same seeds", tables.pairs(made["pairs"])),
-        *([("model", "What the model cost", _spent(summary))] if summary.spent else []),
+        *([("model", "The model's own share, and its cost", tables.own(asked))] if asked else []),
         ("trials", "Trials", _trials()),
     ]
-    contents = (tag("li", tag("a", title, href=f"#{name}")) for name, title, _ in chapters)
+    contents = (tag("li", tag("a", _short(title), href=f"#{name}")) for name, title, _ in chapters)
     return document(
         title,
         _headline(summary, title),
@@ -44,6 +46,10 @@ def render(summary: Summary, title: str, pages: Collection[str]) -> str:
         style="overview.css",
         data=data(summary, pages),
     )
+
+
+def _short(title: str) -> str:
+    return re.split("[:,]", title)[0]
 
 
 def _headline(summary: Summary, title: str) -> Html:
@@ -86,7 +92,7 @@ def _where(trials: Sequence[Row]) -> Html:
         if shown:
             rows.append(join(tag("h3", reasoner), tag("div", *shown, class_="panels")))
     if not rows:
-        return tag("p", "Nothing was drawn at random.")
+        return tag("p", "No drawn quantity differs between the trials.")
     hint = (
         "Share of trials inserted (G), with 95 % intervals, over all cells that draw the quantity;"
         " below each, a stroke per failed trial. A column leads to its trials."
@@ -142,35 +148,6 @@ def _edges(values: Sequence[float]) -> list[float]:
     step = next(power * m for m in (1, 2, 2.5, 5, 10) if power * m >= raw * 0.999)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [round(n * step, 9) for n in range(first, last + 1)]
-
-
-# --- the model's price, the trials -------------------------------------------------------------
-
-
-def _spent(summary: Summary) -> Html:
-    """What each reasoner's models were asked for, per trial."""
-    by_reasoner: dict[tuple[str, str], list[Row]] = {}
-    for trial in summary.trials:
-        spent = summary.spent.get(trial["trial_id"])
-        if spent is not None:
-            name = (trial["reasoner"], trial["model"] or "not known")
-            by_reasoner.setdefault(name, []).append(spent)
-    rows = []
-    for (reasoner, model), spent_on in by_reasoner.items():
-        costs = [s["cost_usd"] for s in spent_on if s["cost_usd"] is not None]
-        cells = [
-            tables.link(reasoner, reasoner=reasoner),
-            model,
-            str(len(spent_on)),
-            f"{sum(s['tokens'] or 0 for s in spent_on) / len(spent_on):,.0f}",
-            f"{sum(s['latency_s'] or 0.0 for s in spent_on) / len(spent_on):.1f}",
-            f"{sum(costs) / len(costs):.4f}" if costs else "not known",
-            f"{sum(costs):.2f}" if costs else "not known",
-        ]
-        rows.append(tag("tr", *(tag("td", cell) for cell in cells)))
-    head = ["reasoner", "model", "trials that asked", "tokens per trial", "waited per trial [s]"]
-    head += ["cost per trial [USD]", "cost in all [USD]"]
-    return table(head, rows, "Per trial: the mean over the trials that asked; cost where known.")
 
 
 def _trials() -> Html:

@@ -21,6 +21,9 @@ from pliant.task import CONDITIONS, load_task, shipped_pegs
 
 _NAMES = ("level", "peg", "condition", "reasoner")
 _DRAWN = "drawn_"
+_ASKED = {"decisions": 0, "fallbacks": 0, "clamped": 0, "tokens": 0, "cost_usd": 6, "latency_s": 1}
+"""The columns about a model, shown where one was asked, and their digits."""
+
 _PEG_FILE = "PEG.yaml"
 """Stands in a command for a peg file of the user's own, whose path the results do not hold."""
 
@@ -65,10 +68,9 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
             for name, axis in quantities().items()
         },
     }
-    if summary.spent:
-        for name, digits in (("tokens", 0), ("cost_usd", 6), ("latency_s", 1)):
-            spent = [summary.spent.get(t["trial_id"], {}).get(name) for t in trials]
-            columns[name] = [_rounded(v, 1.0, digits) for v in spent]
+    if any(t.get("decisions") for t in trials):
+        for name, digits in _ASKED.items():
+            columns[name] = [_rounded(t[name], 1.0, digits) for t in trials]
     return {
         "cells": [
             {

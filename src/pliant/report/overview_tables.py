@@ -138,6 +138,34 @@ def _kind(cell: Document, kind: str, count: int) -> Html:
     return join(bars([bar], described), link(str(count), **place(cell), kind=kind))
 
 
+def own(cells: Sequence[Document]) -> Html:
+    """How many decisions were a model's own, its success without the rules, and what it cost."""
+    head = ["peg", "condition", "reasoner", "n", "G over G alone", "G [%]", "G alone [%]"]
+    head += ["decisions", "own [%]", "clamped", "by the rules", "tokens a trial", "USD a trial"]
+    rows = []
+    for cell in cells:
+        share, true = cell["own"], cell["inserted"]
+        alone = share["alone"]
+        described = f"G {rate(true)}, alone {rate(alone)}"
+        cost = "not known" if share["cost_usd"] is None else f"{share['cost_usd']:.4f}"
+        texts = [rate(true), rate(alone), f"{share['decisions']}", f"{share['own_percent']:.1f}"]
+        texts += [f"{share['clamped']}", f"{share['fallbacks']}", f"{share['tokens']:,.0f}", cost]
+        chart = bars([_bar(true, None, "success"), _bar(alone, None, "judged")], described)
+        rows.append(
+            tag(
+                "tr",
+                *(tag("td", text) for text in (*who(cell), str(cell["n"]))),
+                tag("td", chart),
+                *(tag("td", text, class_="number") for text in texts),
+            )
+        )
+    caption = (
+        "G alone counts a trial in which a plan was clamped, or the rules stepped in, as failed."
+        " Own: the share of the decisions that the model was asked for and that stood."
+    )
+    return table(head, rows, caption)
+
+
 def pairs(rows: Sequence[Document]) -> Html:
     """Reasoner against reasoner on the same seeds: all cells together for every two, and cell by
     cell against one."""

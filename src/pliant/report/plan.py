@@ -85,7 +85,7 @@ def _steps(executions: Sequence[Execution], index: int) -> Html:
 def _commanded(executions: Sequence[Execution], index: int, admitted: Sequence[Step]) -> list[str]:
     """For each admitted step, what was commanded, or why it was not."""
     shown: list[str] = []
-    for n, step in enumerate(admitted, start=1):
+    for n in range(1, len(admitted) + 1):
         if index + n >= len(executions):
             shown.append("not reached: the trial ended")
             continue
@@ -93,7 +93,7 @@ def _commanded(executions: Sequence[Execution], index: int, admitted: Sequence[S
         result = later.outcome
         goal = {axis: result.target[axis] for axis in OWNED[later.formation]}
         link = tag("a", f"execution {later.index + 1}", href=f"#execution-{later.index + 1}")
-        shown.append(join(f"{str(step.formation).capitalize()} to {words.goal(goal)}, ", link))
+        shown.append(join(f"{str(later.formation).capitalize()} to {words.goal(goal)}, ", link))
         if later.recovery is not None:
             shown += ["not reached: planned anew"] * (len(admitted) - n)
             break

@@ -2,7 +2,7 @@
 journal of one that is not finished."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,18 +17,15 @@ Document = Mapping[str, Any]
 Names = tuple[str, str, str, str]
 """A cell's (level, peg, condition, reasoner)."""
 
-_SPENT = ("tokens", "cost_usd", "latency_s")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """`run` is run.json, `tables` what `pliant tables` gives, `trials` the rows of trials.parquet,
-    `spent` the tokens, cost_usd and latency_s of each trial that asked a model."""
+    """`run` is run.json, `tables` what `pliant tables` gives, `trials` the rows of
+    trials.parquet."""
 
     run: Document
     tables: Document
     trials: list[Row]
-    spent: Mapping[str, Row]
 
     @property
     def cells(self) -> Mapping[Names, Document]:
@@ -64,26 +61,8 @@ def read(folder: Path) -> Summary:
 
 
 def _read(folder: Path, run: Document) -> Summary:
-    spent: dict[str, Row] = {}
-    for executions in results.each_trials_executions(folder):
-        found = _spent(executions)
-        if found is not None:
-            spent[executions[0]["trial_id"]] = found
-    return Summary(
-        run=run,
-        tables=tables.build(folder),
-        trials=results.read_trials(folder).to_pylist(),
-        spent=spent,
-    )
-
-
-def _spent(executions: Sequence[Row]) -> Row | None:
-    """What one trial's executions spent on a model; None: no model was asked."""
-    totals = {}
-    for name in _SPENT:
-        known = [e[name] for e in executions if e.get(name) is not None]
-        totals[name] = sum(known) if known else None
-    return totals if totals["tokens"] or totals["latency_s"] else None
+    trials = results.read_trials(folder).to_pylist()
+    return Summary(run=run, tables=tables.build(folder), trials=trials)
 
 
 def _run(folder: Path) -> Document:
