@@ -5,8 +5,7 @@ Each is also a reasoner that an experiment can name: `tests/voices.py:SpeaksForR
 
 import json
 import random
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ToolCallPart
@@ -20,6 +19,7 @@ from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case, Recovery, Verdict
 
 Fields = dict[str, Any]
+_NO_LIMIT = 10**12  # a scripted model's tokens are counted by guess, pictures byte by byte
 _VOTES = {True: "success", False: "failure", None: "not available"}
 
 
@@ -83,11 +83,16 @@ def bounded(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
     return fields
 
 
+def scripted(**changes: Any) -> Settings:
+    """Settings of a scripted model."""
+    return Settings(model="scripted", max_tokens=_NO_LIMIT, **{"deadline_s": 20, **changes})
+
+
 @dataclass(kw_only=True)
 class Scripted(Vlm):
     """A VLM whose model is a function of the case it is asked about."""
 
-    settings: Settings = field(default_factory=lambda: Settings(model="scripted", deadline_s=20))
+    settings: Settings = field(default_factory=scripted)
     asked: Any = None
     case: Case | None = None
     verdict: Verdict | None = None
@@ -156,37 +161,22 @@ class OftenWrong(SpeaksForRules):
 class Silent(Scripted):
     """Never answers."""
 
-    settings: Settings = field(default_factory=lambda: Settings(model="silent", deadline_s=0.2))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    settings: Settings = field(default_factory=lambda: scripted(deadline_s=0.2))
 
     def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
         raise ConnectionError("nobody is there")
 
 
-def alone(make: Callable[[], Scripted]) -> Scripted:
-    """The same model without the rules to fall back on."""
-    made = make()
-    return replace(made, settings=replace(made.settings, fallback=False))
-
-
 @dataclass(kw_only=True)
 class AbsoluteRules(SpeaksForRules):
-    settings: Settings = field(
-        default_factory=lambda: Settings(model="scripted", plan=Plans.ABSOLUTE, deadline_s=20)
-    )
-
-
-def _alone(**changes: Any) -> Settings:
-    return Settings(model="scripted", deadline_s=20, fallback=False, **changes)
+    settings: Settings = field(default_factory=lambda: scripted(plan=Plans.ABSOLUTE))
 
 
 @dataclass(kw_only=True)
 class TenTimesAlone(TenTimes):
-    settings: Settings = field(default_factory=_alone)
+    settings: Settings = field(default_factory=lambda: scripted(fallback=False))
 
 
 @dataclass(kw_only=True)
 class OftenWrongAlone(OftenWrong):
-    settings: Settings = field(default_factory=_alone)
+    settings: Settings = field(default_factory=lambda: scripted(fallback=False))
