@@ -8,6 +8,7 @@ from typing import Any
 
 import av
 import numpy as np
+from av.video.reformatter import Colorspace
 from numpy.typing import NDArray
 
 from pliant.sim import constants as c
@@ -35,6 +36,7 @@ def encoded(pictures: Iterable[Picture], fps: int) -> bytes:
         stream = container.add_stream("libx264", rate=fps)
         stream.width, stream.height = c.IMAGE_SIZE
         stream.pix_fmt = PIXELS
+        stream.codec_context.colorspace = Colorspace.ITU601  # as the pictures are converted
         stream.options = {
             "preset": "veryfast",
             "crf": str(QUALITY),

@@ -5,22 +5,23 @@ import math
 from dataclasses import dataclass
 
 from pliant.cell import Stop, Truth
-from pliant.checks import TILT_TOLERANCE_DEG, pose_check
+from pliant.checks import TILT_TOLERANCE_DEG, half_hole, pose_check
 from pliant.experiment.oracle import Oracle
 from pliant.formations import Formation, Goals
 from pliant.records import Case, Execution, Recovery, Trial, Verdict
-from pliant.task import NOMINAL, Setup
+from pliant.task import NOMINAL, Setup, Task
 from pliant.teaching import Teaching
 
+_TOLERANCE_M = 0.001  # of the truth's own test whether the low edge is in the hole
 KINDS = {
     "goal_missed": "Approach or Contact did not reach its goal",
-    "missed_edge": "the peg is not in the hole and stands before the hole's centre",
-    "overshot": "the peg is not in the hole and stands beyond the hole's centre",
-    "tilted": "in the hole, and it leans more than 5 degrees after Align",
+    "missed_edge": "outside the hole or astride its rim, and short of its centre (to its right)",
+    "overshot": "outside the hole or astride its rim, and beyond its centre (to its left)",
+    "tilted": "in the hole, and the peg leans more than 5 degrees after Align",
     "compression_stop": "in the hole, and the compression limit ended the push",
     "wedged": "in the hole, not deep enough, and not stopped by the compression limit",
 }
-"""Kinds of a failed execution. "Before" is where Fit comes from: right in the side picture (+y)."""
+"""Kinds of a failed execution. Fit comes from the right in the side picture (+y)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,27 +51,26 @@ def labels(trial: Trial) -> list[Label]:
     goals = trial.goals
     for execution, truth in zip(trial.executions, trial.truths, strict=False):
         goals = goals.updated(execution.outcome.step)
-        success = _succeeded(execution, truth)
-        kind = None if success else _kind(execution, truth)
+        inside = _inside(truth, trial.task)
+        success = _succeeded(execution, truth, inside)
+        kind = None if success else _kind(execution, truth, inside)
         found.append(
             Label(execution=execution, truth=truth, goals=goals, success=success, kind=kind)
         )
     return found
 
 
-def correction(trial: Trial, index: int) -> Recovery | None:
-    """The plan that the rules make after an execution when every measurement is the truth's."""
-    label = labels(trial)[index]
+def correction(trial: Trial, label: Label) -> Recovery | None:
+    """The plan that the rules make after a failure when every measurement is the truth's."""
+    assert label.kind is not None, "only failures are corrected"
     execution = label.execution
     oracle = Oracle(truth=lambda: label.truth, setup=setup_of(trial))
-    verdict = Verdict(
-        success=False, reason=KINDS[label.kind or "wedged"], votes={}, conflict=None, by="truth"
-    )
+    verdict = Verdict(success=False, reason=KINDS[label.kind], votes={}, conflict=None, by="truth")
     case = Case(
         task=trial.task,
         teaching=Teaching(goals=trial.goals, demonstrations={}, scenes={}),
         goals=label.goals,
-        history=trial.executions[:index],
+        history=trial.executions[: execution.index],
         outcome=execution.outcome,
         evidence=execution.evidence,
         belief=execution.belief,
@@ -84,38 +84,43 @@ def setup_of(trial: Trial) -> Setup:
 
 
 def causes(trial: Trial) -> list[str]:
-    """How the trial differed from the nominal task, in words, the largest effects first."""
+    """How the trial differed from the nominal task, in words; but for what rounds to 0."""
     setup = setup_of(trial)
-    drawn = setup.quantities()
     words = []
-    if drawn["hole_y"] != NOMINAL["hole_y"]:
-        side = "right" if setup.hole_y > 0 else "left"
-        words.append(f"the hole is {abs(setup.hole_y) * 1e3:.1f} mm to the {side} of where taught")
-    if drawn["grasp_roll"] != NOMINAL["grasp_roll"]:
-        side = "left" if setup.grasp_roll > 0 else "right"
-        angle = abs(math.degrees(setup.grasp_roll))
-        words.append(f"the peg leans {angle:.1f} degrees to the {side} in the grasp")
-    if drawn["friction"] != NOMINAL["friction"]:
+    if abs(hole_mm := setup.hole_y * 1e3) >= 0.05:
+        side = "right" if hole_mm > 0 else "left"
+        words.append(f"the hole is {abs(hole_mm):.1f} mm to the {side} of where taught")
+    if abs(grasp_deg := math.degrees(setup.grasp_roll)) >= 0.05:
+        side = "left" if grasp_deg > 0 else "right"
+        words.append(f"the peg leans {abs(grasp_deg):.1f} degrees to the {side} in the grasp")
+    if abs(setup.friction - NOMINAL["friction"]) >= 0.05:
         words.append(f"the board's friction is {setup.friction:.1f} times the nominal")
     return words
 
 
-def _succeeded(execution: Execution, truth: Truth) -> bool:
-    """Approach and Contact: the goal was reached. Fit: the low edge is in the hole. Align: that,
-    and the peg stands within Table I's 5 degrees. Insertion: the paper's criterion."""
+def _inside(truth: Truth, task: Task) -> bool:
+    """The peg's low edge is in the hole, and the other stands on neither rim."""
+    width = task.peg.half_extents[1] * math.cos(truth.tilt_rad)
+    room = half_hole(task) + _TOLERANCE_M - abs(truth.tip[1] - truth.hole_y)
+    return bool(truth.fit) and width <= room
+
+
+def _succeeded(execution: Execution, truth: Truth, inside: bool) -> bool:
+    """Approach and Contact: the goal was reached. Fit: the peg is in the hole. Align: that, and it
+    stands within Table I's 5 degrees. Insertion: the paper's criterion."""
     formation = execution.formation
     if formation in (Formation.APPROACH, Formation.CONTACT):
         return bool(pose_check(execution.outcome).vote)
     if formation is Formation.INSERTION:
         return bool(truth.inserted)
     upright = abs(math.degrees(truth.tilt_rad)) <= TILT_TOLERANCE_DEG
-    return bool(truth.fit) and (formation is Formation.FIT or upright)
+    return inside and (formation is Formation.FIT or upright)
 
 
-def _kind(execution: Execution, truth: Truth) -> str:
+def _kind(execution: Execution, truth: Truth, inside: bool) -> str:
     if execution.formation in (Formation.APPROACH, Formation.CONTACT):
         return "goal_missed"
-    if not truth.fit:
+    if not inside:
         return "missed_edge" if truth.tip[1] > truth.hole_y else "overshot"
     if execution.formation is Formation.ALIGN:
         return "tilted"

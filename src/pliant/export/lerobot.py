@@ -29,11 +29,11 @@ from pliant.export.lerobot_episode import Episode, Job, episode, features
 from pliant.export.lerobot_stats import Stats, merged, of_values
 from pliant.export.output import CARD, filling
 from pliant.export.source import TEST, TRAIN, Source, counts, replayable
+from pliant.export.track import check_rate
 from pliant.formations import Formation
 from pliant.sim.render import CAMERAS
 
 VERSION = "v3.0"
-FPS, FASTEST = 10, 25  # [Hz] trajectories are stored at 25
 SUBTASKS = {
     Formation.APPROACH: "Approach: bring the leaning peg above the board, before the hole.",
     Formation.CONTACT: "Contact: lower the peg until it touches the board.",
@@ -60,7 +60,7 @@ def write(
     source: Source,
     out: Path,
     *,
-    fps: int = FPS,
+    fps: int = 10,
     cameras: Sequence[str] = ("side",),
     workers: int | None = None,
 ) -> dict[str, int]:
@@ -72,8 +72,7 @@ def write(
         InputError: an option is not valid, `out` holds something, a trial's record is broken or
             cannot be replayed, or there is no OpenGL.
     """
-    if not 1 <= fps <= FASTEST:
-        raise InputError(f"fps is {fps}: it must be 1 to {FASTEST}, at which motion is stored")
+    check_rate(fps)
     for camera in cameras:
         if camera not in CAMERAS:
             raise unknown("camera", camera, CAMERAS)

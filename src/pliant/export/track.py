@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Motion
+from pliant.errors import InputError
 from pliant.pose import Axis, Pose, angles_from
 from pliant.records import Trial
 from pliant.sim import model as m
 from pliant.sim.arm import Arm
 from pliant.sim.cell import Trajectory
 from pliant.task import Task
+
+FASTEST = 25  # [Hz] at which trajectories are stored
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,9 +37,15 @@ class Track:
         return len(self.execution)
 
 
+def check_rate(fps: int) -> None:
+    """Refuse a rate [Hz] at which a trial cannot be sampled."""
+    if not 1 <= fps <= FASTEST:
+        raise InputError(f"fps is {fps}: it must be 1 to {FASTEST}, the rate that is stored")
+
+
 def track(trial: Trial, trajectory: Trajectory, fps: int) -> Track:
     """Sample a trial with at least one execution at `fps` [Hz]; joints are interpolated linearly
-    between the 25 samples that are stored each second."""
+    between the samples that are stored."""
     looks = np.array([e.outcome.looks[-1].observation.time_s for e in trial.executions])
     time_s = np.arange(int(looks[-1] * fps + 1e-6) + 1) / fps
     stored = trajectory.qpos.astype(np.float64)

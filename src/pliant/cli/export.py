@@ -1,0 +1,62 @@
+"""`pliant export`: a stored run as a data set, or one of its trials as a 3-D recording."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from pliant.errors import InputError
+
+
+def export(
+    folder: Annotated[Path, tyro.conf.Positional],
+    *,
+    lerobot_out: Annotated[Path | None, tyro.conf.arg(name="lerobot")] = None,
+    failure_qa_out: Annotated[Path | None, tyro.conf.arg(name="failure-qa")] = None,
+    rerun_out: Annotated[Path | None, tyro.conf.arg(name="rerun")] = None,
+    trial: str | None = None,
+    fps: int = 10,
+    cameras: tuple[str, ...] = ("side",),
+    workers: int | None = None,
+) -> int:
+    """Export the trials of a run that kept their record (`pliant experiment … --save all` or
+    `--save failures`, `pliant run`). Nothing is overwritten.
+
+    Args:
+        folder: the run's folder.
+        lerobot_out: a new folder for a LeRobot data set (v3.0).
+        failure_qa_out: a new folder for questions and answers about failures, with pictures.
+        rerun_out: a new file (.rrd) for Rerun's viewer, of one trial.
+        trial: this trial only, by its trial_id; Rerun needs one where the run has several.
+        fps: frames a second of the LeRobot data set and of Rerun's timeline, 1 to 25.
+        cameras: side, wide or both, for the LeRobot data set.
+        workers: processes that draw the LeRobot data set; default one per core.
+    """
+    from pliant.export import failure_qa, lerobot, recording
+    from pliant.export.output import check_new
+    from pliant.export.source import open_run
+
+    outputs = [path for path in (lerobot_out, failure_qa_out, rerun_out) if path is not None]
+    if not outputs:
+        raise InputError("nothing to export: give --lerobot, --failure-qa or --rerun with a path")
+    if len({path.resolve() for path in outputs}) < len(outputs):
+        raise InputError("two exports cannot go to the same path: give each its own")
+    for path in outputs:
+        check_new(path)
+    source = open_run(folder, trial)
+    console = Console(highlight=False, soft_wrap=True)
+    if rerun_out is not None:
+        recorded = recording.write(source, rerun_out, fps=fps)
+        console.print(f"rerun: {rerun_out}: {recorded}", markup=False)
+    if failure_qa_out is not None:
+        asked = failure_qa.write(source, failure_qa_out)
+        console.print(f"failure QA: {failure_qa_out}: {_in_words(asked)} questions", markup=False)
+    if lerobot_out is not None:
+        made_of = lerobot.write(source, lerobot_out, fps=fps, cameras=cameras, workers=workers)
+        console.print(f"LeRobot: {lerobot_out}: {_in_words(made_of)} episodes", markup=False)
+    return 0
+
+
+def _in_words(splits: dict[str, int]) -> str:
+    return ", ".join(f"{n} {split}" for split, n in splits.items())
