@@ -4,7 +4,7 @@ import asyncio
 import selectors
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -18,7 +18,7 @@ def emulate(
     peg: str = "circle",
     condition: str = "none",
     seed: int = 0,
-    mode: Pacing = Pacing.REAL,
+    mode: Literal["real", "fast", "lockstep"] = "real",
     speed: float = 4.0,
     host: str = "127.0.0.1",
     admin_port: int = ADMIN_PORT,
@@ -50,7 +50,7 @@ def emulate(
         peg=peg,
         condition=condition,
         seed=seed,
-        pacing=mode,
+        pacing=Pacing(mode),
         speed=speed,
         host=host,
         admin_port=admin_port,

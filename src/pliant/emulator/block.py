@@ -11,6 +11,7 @@ from multiprocessing.shared_memory import SharedMemory
 import numpy as np
 
 from pliant.emulator.frames import Array
+from pliant.errors import InputError
 from pliant.task import Setup
 
 _MOST_JOINTS = 32
@@ -62,7 +63,13 @@ class Block:
         self._record = np.ndarray((1,), _LAYOUT, self._memory.buf)
 
     def set_up(self, peg: str, setup: Setup) -> None:
-        """Write what a trial changes."""
+        """Write what a trial changes.
+
+        Raises:
+            InputError: the peg's name is too long.
+        """
+        if len(peg.encode()) > _MOST_NAME:
+            raise InputError(f"peg '{peg[:40]}…': its path must have at most {_MOST_NAME} bytes")
         self._begin()
         record = self._record[0]
         record["peg"] = peg.encode()

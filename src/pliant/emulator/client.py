@@ -17,7 +17,9 @@ from pliant.task import Setup
 
 _TIMEOUT_S = 60.0  # a peg's first model takes a second; a long grant its time
 _STOP_S = 10.0
-_READY = r"ready: .*admin port (\d+)"
+_COMMAND = "python -m pliant.emulator"
+_ERROR = "pliant.emulator: "
+_READY = r"ready: .* admin (\S+):(\d+);"
 
 
 class Admin:
@@ -33,7 +35,7 @@ class Admin:
         except OSError as error:
             raise InputError(
                 f"no emulator answers at {host}:{port} ({error.strerror}): start one with"
-                " 'python -m pliant.emulator'"
+                f" '{_COMMAND}'"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._lines = self._socket.makefile("rb")
@@ -90,17 +92,16 @@ class Admin:
 
 
 @contextmanager
-def started(*arguments: str, host: str = "127.0.0.1") -> Iterator[Admin]:
+def started(*arguments: str) -> Iterator[Admin]:
     """An emulator in a process of its own, which ends with this context or with this process.
 
-    Args:
-        arguments: of `python -m pliant.emulator`.
-        host: loopback addresses let several emulators run at once: the clients' ports are fixed.
+    `arguments` are those of `python -m pliant.emulator`. The ports are fixed, the address is not:
+    with `--host 127.0.0.2` a second one runs beside the first (on Linux).
 
     Raises:
         InputError: it did not start; the message is its own.
     """
-    command = [sys.executable, "-m", "pliant.emulator", "--with-parent", "--host", host]
+    command = [sys.executable, "-m", "pliant.emulator", "--with-parent"]
     with TemporaryFile("w+") as log:
         process = subprocess.Popen(
             [*command, *arguments],
@@ -115,9 +116,10 @@ def started(*arguments: str, host: str = "127.0.0.1") -> Iterator[Admin]:
             if ready is None:
                 process.wait(_STOP_S)
                 log.seek(0)
-                last = (log.read().strip().splitlines() or ["it said nothing"])[-1]
-                raise InputError(last.removeprefix("pliant.emulator: "))
-            with Admin(host, int(ready[1])) as admin:
+                said = [line for line in log.read().splitlines() if line.startswith(_ERROR)]
+                problem = said[-1].removeprefix(_ERROR) if said else f"see '{_COMMAND} --help'"
+                raise InputError(f"the emulator did not start: {problem}")
+            with Admin(ready[1], int(ready[2])) as admin:
                 yield admin
         finally:
             process.terminate()

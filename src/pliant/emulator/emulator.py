@@ -287,7 +287,8 @@ class Emulator:
         options, pace = self._options, self.pace
         pacing = f"{pace.pacing} at {pace.speed:g}×" if pace.pacing is Pacing.FAST else pace.pacing
         return (
-            f"ready: UR5e at {options.host}, {pacing}; admin port {options.admin_port};"
+            f"ready: UR5e at {options.host}, {pacing};"
+            f" admin {options.host}:{options.admin_port};"
             f" camera http://{options.host}:{options.camera_port}/side.jpg"
         )
 

@@ -43,7 +43,7 @@ def _tool_target(c: Controller) -> Value:
 def _tool_speed(c: Controller) -> Value:
     linear, angular = c.plant.flange_velocity()
     lever = c.plant.flange[:3, :3] @ c.tool[:3, 3]
-    return np.concatenate([linear + np.cross(angular, lever), angular])
+    return np.concatenate([linear + frames.cross(angular, lever), angular])
 
 
 def _tool_force(c: Controller) -> Value:

@@ -12,7 +12,9 @@ from enum import StrEnum
 from pliant.emulator.controller import Controller
 from pliant.emulator.plant import TICK
 
+_LATE_S = TICK  # of the wall's time: what is later than this is lost
 _IDLE_S = 0.005  # between answers, while a lockstep client grants nothing
+_TICKS_UNSEEN = 25  # at most, within one grant: a client acts between grants, not within
 
 
 class Pacing(StrEnum):
@@ -73,20 +75,23 @@ class Pace:
                 await self._step_with_credit()
                 due = loop.time()
             else:
-                period = TICK / self.speed
-                late = loop.time() - due - period
-                self.slipped_s += max(0.0, late)
-                due += period + max(0.0, late)
-                await asyncio.sleep(due - loop.time())
-                self._tick()
+                due += TICK / self.speed
+                late = loop.time() - due
+                if late > _LATE_S:
+                    self.slipped_s += late
+                    due += late
+                await asyncio.sleep(max(0.0, due - loop.time()))
+                self._controller.tick()
+                self._publish(False)
 
     async def _step_with_credit(self) -> None:
         self._awake.clear()
         if self._credit > 0:
             self._credit -= 1
-            self._tick()
-            self._release()
-            if self._credit == 0:
+            self._controller.tick()
+            if self._credit == 0 or self._controller.ticks % _TICKS_UNSEEN == 0:
+                self._publish(True)
+                self._release()
                 await asyncio.sleep(0)
             return
         self._controller.idle()
@@ -95,10 +100,6 @@ class Pace:
             await asyncio.wait_for(self._awake.wait(), _IDLE_S)
         except TimeoutError:
             return
-
-    def _tick(self) -> None:
-        self._controller.tick()
-        self._publish(False)
 
     def _release(self, *, everyone: bool = False) -> None:
         """Answer the grants that are used up."""

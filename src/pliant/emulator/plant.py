@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from pliant.cell import Truth
-from pliant.emulator.frames import Array, inverse, placed
+from pliant.emulator.frames import Array, cross, inverse, placed
 from pliant.errors import RobotFault
 from pliant.sim import constants as c
 from pliant.sim import model as m
@@ -72,13 +72,7 @@ class Plant:
         force = -transmitted[3:]
         lever = data.subtree_com[self._root] - self._base_position - self.flange[:3, 3]
         self.force: Array = force  # (3,) [N] of the tool on the flange, base axes
-        self.torque: Array = np.array(  # (3,) [N m] about the flange
-            [
-                lever[1] * force[2] - lever[2] * force[1] - transmitted[0],
-                lever[2] * force[0] - lever[0] * force[2] - transmitted[1],
-                lever[0] * force[1] - lever[1] * force[0] - transmitted[2],
-            ]
-        )
+        self.torque: Array = cross(lever, force) - transmitted[:3]  # (3,) [N m] about the flange
 
     def _site(self, site: int) -> Array:
         position = self._data.site_xpos[site] - self._base_position

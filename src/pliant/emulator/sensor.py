@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pliant.emulator.frames import Array
+from pliant.emulator.frames import Array, cross
 
 _GRAVITY = 9.81  # [m/s2], as in the simulated cell
 
@@ -55,11 +55,11 @@ class ForceSensor:
     def at(self, point: Array) -> Array:  # (6,)
         """The reported wrench about a point (3,) given from the flange's centre, base axes."""
         force, torque = self.reported[:3], self.reported[3:]
-        return np.concatenate([force, torque - np.cross(point, force)])
+        return np.concatenate([force, torque - cross(point, force)])
 
     def _weight(self, facing: Array) -> Array:
         force = np.array([0.0, 0.0, -_GRAVITY * self.payload.mass])
-        return np.concatenate([force, np.cross(facing @ np.array(self.payload.centre), force)])
+        return np.concatenate([force, cross(facing @ np.array(self.payload.centre), force)])
 
 
 def _turned(facing: Array, wrench: Array) -> Array:
