@@ -10,9 +10,9 @@ import numpy as np
 
 from pliant.emulator.frames import Array, inverse
 from pliant.emulator.gripper import Gripper
-from pliant.emulator.motion import Hold, Motion
+from pliant.emulator.motion import Hold, Motion, Waypoint
 from pliant.emulator.plant import TICK, Plant
-from pliant.emulator.program import Program, Waypoint
+from pliant.emulator.program import Program
 from pliant.emulator.sensor import ForceSensor, Payload
 from pliant.errors import RobotFault
 

@@ -6,6 +6,7 @@ of the measured ones.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +17,17 @@ from pliant.emulator.plant import Plant
 ROTATION_RADIUS = 0.2  # [m]: a turn by an angle counts as this long an arc
 _DONE = 1e-9  # [m, rad]
 _AT_REST = 1e-6  # [m/s, rad/s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waypoint:
+    """One move of an uploaded path."""
+
+    joints: bool  # a joint move, else a straight line
+    target: tuple[float, ...]  # (6,) joints, or a pose where `pose`
+    pose: bool
+    speed: float
+    acceleration: float
 
 
 class Motion(Protocol):

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable
 
 from pliant.emulator.controller import Controller, Mode, Runtime, Safety, note
-from pliant.emulator.program import Waypoint
+from pliant.emulator.motion import Waypoint
 from pliant.emulator.rtde import VERSION
 
 _SERIAL_NUMBER = "20235500001"

@@ -6,7 +6,6 @@ cleared the command. A command that takes time is a generator that yields once p
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +19,7 @@ from pliant.emulator.motion import (
     Path,
     ToolLine,
     Travel,
+    Waypoint,
     tool_advance,
 )
 from pliant.emulator.plant import TICK
@@ -35,17 +35,6 @@ _CONTACT_FORCE = 20.0  # [N] against the direction of a motion until contact
 _CONTACT_STOP = 3.0  # [m/s2]
 _JOINT_SPEED = np.pi  # [rad/s], a joint's highest
 _STEADY = 1e-3  # [rad/s]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Waypoint:
-    """One move of an uploaded path."""
-
-    joints: bool  # a joint move, else a straight line
-    target: tuple[float, ...]  # (6,) joints, or a pose where `pose`
-    pose: bool
-    speed: float
-    acceleration: float
 
 
 class _Refused(Exception):
@@ -220,7 +209,7 @@ class Program:
         return self._start(self._rest())
 
     def _halted(self) -> Iterator[None]:
-        """For speedStop, servoStop and jogStop."""
+        """For speedStop and servoStop."""
         self._c.motion.brake(self._double(0) or _CONTACT_STOP, joints=False)
         yield from self._rest()
 
@@ -236,16 +225,6 @@ class Program:
             motion = Drive(self._c.q, advance, joints=joints)
             self._c.motion = motion
         motion.toward(self._six(0), self._double(6))
-
-    def _jog_start(self) -> None:
-        velocity, feature = self._six(0), round(self._double(6))
-        turn = {0: np.eye(3), 1: self._c.tool_pose()[:3, :3]}.get(
-            feature, frames.transform(self._six(8))[:3, :3]
-        )
-        motion = Drive(self._c.q, tool_advance(self._c.plant, self._c.tool), joints=False)
-        turned = np.concatenate([turn @ velocity[:3], turn @ velocity[3:]])
-        motion.toward(turned, self._double(7))
-        self._c.motion = motion
 
     def _servo_j(self) -> None:
         self._follow(self._six(0))
@@ -401,8 +380,6 @@ _COMMANDS: Mapping[int, Callable[[Program], Iterator[None] | None]] = {
     38: _P._torques,
     39: _P._trans,
     40: _P._tool_offset,
-    41: _P._jog_start,
-    42: _P._halted,
     43: _P._forward,
     44: _P._forward_of,
     45: _P._move_path,
