@@ -39,7 +39,7 @@ def look(folder: Path, **options: Any) -> tuple[Page, Viewed]:
 
 def test_the_page_sets_success_beside_the_papers_with_intervals(tmp_path: Path) -> None:
     page, _ = look(experiment(tmp_path))
-    row = next(r for r in page.words.split("circle") if r.startswith("allrules8"))
+    row = next(r for r in page.words.split("circle") if r.startswith("allrules81"))
     assert "87.5 [52.9, 97.8]" in row
     assert "87, 83" in row  # the paper's F and G
     described = [svg["aria-label"] for svg in page.all("svg")]
