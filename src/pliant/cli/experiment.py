@@ -1,14 +1,18 @@
 """`pliant experiment`: many trials, on every core or on a cluster, resumable."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
+from rich.prompt import Confirm
 
 from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
-from pliant.experiment import plan, runner, tables
+from pliant.errors import InputError
+from pliant.experiment import plan, price, runner, tables
+from pliant.experiment.plan import Experiment
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
 from pliant.experiment.work import Save
@@ -29,6 +33,7 @@ def experiment(
     ray: str | None = None,
     save: Annotated[Save, tyro.conf.EnumChoicesFromValues] = Save.NONE,
     time_limit_s: float = runner.TIME_LIMIT_S,
+    yes: bool = False,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
     model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
 ) -> int:
@@ -49,6 +54,7 @@ def experiment(
         ray: address of a Ray cluster to run on instead.
         save: whose trials' full records to keep.
         time_limit_s: of one trial, after which its worker is ended.
+        yes: do not ask before a hosted model is paid.
         ranges: ranges in place of the conditions' own.
         model: the model behind the reasoner vlm.
     """
@@ -70,6 +76,9 @@ def experiment(
         planned = plan.from_fields(default, overrides)
     model.check(planned)
     console = Console()
+    if model.replay is None:
+        planned.check_models()
+        _confirm(planned, console, yes)
     ended = runner.run(
         planned,
         out,
@@ -88,3 +97,21 @@ def experiment(
     console.print(text, markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {out}", markup=False, highlight=False)
     return 0
+
+
+def _confirm(planned: Experiment, console: Console, yes: bool) -> None:
+    """Say what a hosted model will cost, and ask.
+
+    Raises:
+        InputError: nobody agreed, or nobody is there to ask.
+    """
+    cost = price.estimate(planned)
+    if cost is None:
+        return
+    console.print(str(cost), markup=False, highlight=False, soft_wrap=True)
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise InputError("a hosted model costs money: add --yes to agree")
+    if not Confirm.ask("Go on?", console=console, default=False):
+        raise InputError("not begun: the cost was not agreed to")

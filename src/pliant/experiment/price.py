@@ -1,0 +1,84 @@
+"""What an experiment with a hosted model will cost, roughly, before it begins."""
+
+from dataclasses import dataclass
+
+from pliant.experiment.plan import Cell, Experiment
+from pliant.reasoners.vlm.settings import Decider, Detail, Settings
+
+# Measured with a scripted model that answers as the rules do (circle, all, seeds 1 to 8): 8.4
+# requests a trial, 3,500 characters and 1.1 pictures each.
+_VERDICTS, _RECOVERIES = 6.9, 0.8  # a trial
+_WORDS = 1150  # tokens: characters / 4, and the reply's schema
+_PICTURE = {Detail.LOW: 85, Detail.HIGH: 765}  # tokens of 640 x 480, as OpenAI counts them
+_REPLY = 250  # tokens: a guess, models differ in how much they say
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """`usd` None: the price of a model is not known. A weak model fails more and costs more."""
+
+    trials: int
+    requests: int
+    tokens: int
+    usd: float | None
+
+    def __str__(self) -> str:
+        cost = "at a price that is not known" if self.usd is None else f"about {self.usd:.2f} USD"
+        return (
+            f"{self.trials} trials ask a model about {self.requests} times,"
+            f" {self.tokens / 1e6:.1f} million tokens, {cost}"
+        )
+
+
+def estimate(experiment: Experiment) -> Estimate | None:
+    """The cost of all trials whose model is a hosted one; None: there are none."""
+    cells = [c for c in experiment.cells if c.vlm is not None and c.vlm.base_url is None]
+    if not cells:
+        return None
+    spent = [_trial(cell) for cell in cells]
+    dollars = [_usd(cell, s) for cell, s in zip(cells, spent, strict=True)]
+    known = [d for d in dollars if d is not None]
+    n = experiment.trials
+    return Estimate(
+        trials=n * len(cells),
+        requests=round(n * sum(requests for requests, _, _ in spent)),
+        tokens=round(n * sum(sent + received for _, sent, received in spent)),
+        usd=n * sum(known) if len(known) == len(dollars) else None,
+    )
+
+
+def _trial(cell: Cell) -> tuple[float, float, float]:
+    """Requests, tokens sent and tokens received in one trial."""
+    settings = cell.vlm
+    assert settings is not None
+    requests = 0.0
+    if settings.judge is Decider.VLM:
+        requests += _VERDICTS
+    if settings.recover is Decider.VLM:
+        requests += _RECOVERIES * (1 if settings.one_call else 2)
+    pictures = (
+        settings.picture * 1.0 + (settings.goal_picture and settings.judge is Decider.VLM) / 7
+    )
+    sent = requests * (_WORDS + pictures * _PICTURE[settings.detail])
+    return requests, sent, requests * _REPLY
+
+
+def _usd(cell: Cell, spent: tuple[float, float, float]) -> float | None:
+    settings = cell.vlm
+    assert settings is not None
+    price = settings.usd_per_million or _published(settings)
+    _, sent, received = spent
+    return None if price is None else (price[0] * sent + price[1] * received) / 1e6
+
+
+def _published(settings: Settings) -> tuple[float, float] | None:
+    """USD for a million tokens sent and received, from the list that the model library brings."""
+    from genai_prices import Usage, calc_price
+
+    provider, _, name = (settings.model or "").partition(":")
+    usage = Usage(input_tokens=1_000_000, output_tokens=1_000_000)
+    try:
+        found = calc_price(usage, name, provider_id=provider)
+    except LookupError:
+        return None
+    return float(found.input_price), float(found.output_price)
