@@ -54,8 +54,8 @@ class Settings:
     model: str | None = None
     """Provider and name, such as openai:gpt-4o; with `base_url` the name the server knows."""
     base_url: str | None = None
-    """An OpenAI-compatible server, such as http://localhost:8000/v1; a key is read from
-    PLIANT_VLM_KEY."""
+    """An OpenAI-compatible server, such as http://localhost:8000/v1; a key, where it wants one, is
+    read from PLIANT_VLM_KEY."""
     output: Output | None = None
     """tool, native or prompted; None: native with `base_url`, else tool."""
     plan: Plans = Plans.BOUNDED
@@ -80,7 +80,7 @@ class Settings:
     """Analyse and plan in one call instead of two."""
     skip_agreed: bool = False
     """Do not ask for a verdict where all checks agree."""
-    step_limit_mm: float = 30.0
+    step_limit_mm: float = 40.0
     """The most that one plan may change a goal."""
     clamp_mm: float = 10.0
     """What a change that was refused twice is cut down to."""
@@ -104,8 +104,10 @@ class Settings:
     """The price of a million tokens sent and received, where pliant does not know the model's."""
 
     def __post_init__(self) -> None:
-        _positive(self, "step_limit_mm", "clamp_mm", "deadline_s")
+        _positive(self, "clamp_mm", "deadline_s")
         _positive(self, "reply_tokens", "max_requests", "max_tokens")
+        if not 1 <= self.step_limit_mm < math.inf:
+            raise InputError(f"step_limit_mm is {self.step_limit_mm:g}: it must be 1 or more")
         if self.history < 0:
             raise InputError(f"history is {self.history}: it must be 0 or more executions")
         if not 0 <= self.temperature <= 2:
@@ -160,13 +162,18 @@ def _positive(settings: Settings, *names: str) -> None:
 
 
 def _check_address(address: str) -> None:
-    parts = urlsplit(address)
-    if parts.scheme not in ("http", "https") or not parts.hostname:
+    try:
+        parts = urlsplit(address)
+        secret = parts.username or parts.password or parts.query or parts.fragment
+        usable = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:  # a port or an IPv6 address that is none
+        secret, usable = None, False
+    if secret:
         raise InputError(
-            f"base_url is '{address}': it must be like http://localhost:8000/v1, with http or https"
+            "base_url holds a name, a password, a query or a fragment, which would be stored with"
+            " the results: give the address alone, and the key in PLIANT_VLM_KEY"
         )
-    if parts.username or parts.password or parts.query:
+    if not usable or not address.isprintable() or " " in address:
         raise InputError(
-            "base_url holds a name, a password or a query, which would be stored with the results:"
-            " give the address alone, and the key in PLIANT_VLM_KEY"
+            f"base_url is {address!r}: it must be like http://localhost:8000/v1, with http or https"
         )
