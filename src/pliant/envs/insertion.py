@@ -116,7 +116,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         self._cell = SimCell()
         self._robot: SimRobot | None = None
         self._setup = Setup(seed=0)
-        self._start = Pose()
+        self._held = Pose()
         self._potential = 0.0
         self.action_space = spaces.Box(-1.0, 1.0, (len(self._axes),), np.float32)
         self.observation_space = self._space()
@@ -132,7 +132,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         self._setup = self._condition.draw(trial)
         self._robot = robot = self._cell.prepare(self._task, self._setup)
         self._play_taught(robot)
-        self._start = robot.set_point()
+        self._held = robot.set_point()
         self._guarded = Guarded(Streamed(robot, PERIOD_S), self._limits)
         truth = self._cell.truth()
         self._potential = _potential(truth)
@@ -188,7 +188,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
 
     def _target(self, here: Pose, changes: NDArray[np.float64]) -> Pose:
         low, high = self._limits.low, self._limits.high
-        return self._start.updated(
+        return self._held.updated(
             {
                 axis: min(max(here[axis] + change, low[axis]), high[axis])
                 for axis, change in zip(self._axes, changes.tolist(), strict=True)
@@ -227,8 +227,10 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         return np.clip(np.array(values, np.float32), self._low, self._high)
 
     def _space(self) -> spaces.Space[Any]:
-        low = [1.1 * self._limits.low[a] for a in Axis] + [-0.4] * 3 + [-0.05, 0.0]
-        high = [1.1 * self._limits.high[a] for a in Axis] + [0.4] * 3 + [0.05, 1.0]
+        beyond = [0.1 if axis.is_angle else 0.02 for axis in Axis]  # what a halt may let it drift
+        low = [self._limits.low[a] - b for a, b in zip(Axis, beyond, strict=True)]
+        high = [self._limits.high[a] + b for a, b in zip(Axis, beyond, strict=True)]
+        low, high = [*low, *[-0.4] * 3, -0.05, 0.0], [*high, *[0.4] * 3, 0.05, 1.0]
         self._low, self._high = np.array(low, np.float32), np.array(high, np.float32)
         state = spaces.Box(self._low, self._high, dtype=np.float32)
         width, height = self._picture_size
@@ -246,9 +248,7 @@ def _as_axes(names: Sequence[str]) -> tuple[Axis, ...]:
 
 def _picture_size(width: int) -> tuple[int, int]:
     if isinstance(width, bool) or width not in range(32, 641, 4):
-        raise InputError(
-            f"picture_width is {width!r}: it must be 32 to 640 pixels, a multiple of 4"
-        )
+        raise InputError(f"picture_width is {width!r}: it must be a multiple of 4 from 32 to 640")
     return width, width * 3 // 4
 
 

@@ -42,7 +42,7 @@ from pliant.trial import Question, Run
 
 NAME = "agent"
 INSERTED, EXECUTION_COST = 1.0, 0.05
-_DRAWS = 100
+_DRAWS = 30
 
 
 class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
@@ -136,9 +136,11 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """The wide camera's picture (480, 640, 3), or None without a render mode."""
+        if self.render_mode is None:
+            return None
         if self._robot is None:
             raise gymnasium.error.ResetNeeded("call reset before render")
-        return None if self.render_mode is None else picture(self._robot, "wide")
+        return picture(self._robot, "wide")
 
     def close(self) -> None:
         if self._robot is not None:

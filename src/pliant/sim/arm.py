@@ -38,9 +38,14 @@ class Arm:
         return position, self._data.site_xmat[self._site].reshape(3, 3).copy()
 
     def solve(
-        self, position: NDArray[np.float64], rotation: NDArray[np.float64], q: NDArray[np.float64]
+        self,
+        position: NDArray[np.float64],
+        rotation: NDArray[np.float64],
+        q: NDArray[np.float64],
+        tolerance: float = _TOLERANCE,
     ) -> NDArray[np.float64]:  # (6,) [rad]
-        """Joint angles near `q` that put the hinge point there, by damped least squares.
+        """Joint angles near `q` that put the hinge point there to within `tolerance` [m, rad], by
+        damped least squares.
 
         Raises:
             RobotFault: the pose cannot be reached.
@@ -53,7 +58,7 @@ class Arm:
             error[:3] = position - at
             mujoco.mju_mat2Quat(turn, (rotation @ facing.T).ravel())
             mujoco.mju_quat2Vel(error[3:], turn, 1.0)
-            if np.abs(error).max() < _TOLERANCE:
+            if np.abs(error).max() < tolerance:
                 return q
             mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._site)
             j = jacobian[:, self.dofs]

@@ -24,6 +24,7 @@ _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
 _CONTROLS_PER_FRAME = 4  # of the trajectory: 25 Hz
 _UNLOADING = 0.00005  # [m] past the limit already, a motion may not press further than this
+_STREAM_TOLERANCE = 1e-5  # [m, rad] of a set point in a stream: it takes one iteration
 _HANG_S, _HANG_DAMPING = 1.0, 30.0  # before a trial: damped, so that it starts at rest
 
 
@@ -196,7 +197,7 @@ class SimRobot:
         Where the wrist is pressed past the limit already, `floor_m` is the least compression since:
         this motion may not press further than that, so that no row of them can either.
         """
-        target = self.arm.solve(pose.position(), pose.rotation(), self._q)
+        target = self.arm.solve(pose.position(), pose.rotation(), self._q, _STREAM_TOLERANCE)
         ticks = max(1, round(seconds / c.CONTROL_PERIOD))
         path = self._q + np.arange(1, ticks + 1)[:, None] / ticks * (target - self._q)
         return self._follow(path, pose, stop_at_compression_m, min(floor_m, self.compression()))
