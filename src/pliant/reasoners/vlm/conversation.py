@@ -6,6 +6,7 @@ usable reply, or why there is none.
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as WaitedLong
@@ -13,15 +14,16 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Generic, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 from pydantic_ai import Agent, ModelRetry, NativeOutput, PromptedOutput, ToolOutput
-from pydantic_ai.exceptions import AgentRunError
+from pydantic_ai.exceptions import AgentRunError, UnexpectedModelBehavior
 from pydantic_ai.messages import UserContent
 from pydantic_ai.settings import ModelSettings
 
 from pliant.errors import PliantError
 from pliant.reasoners.vlm.settings import Output, Settings
 from pliant.reasoners.vlm.wire import Call, Wire
+from pliant.reasoners.vlm.words import one_line
 from pliant.records import Exchange
 
 T = TypeVar("T", bound=BaseModel)
@@ -81,10 +83,15 @@ def ask(
             raise ModelRetry(f"This cannot be done: {why}. Answer again.")
         return value
 
+    async def conversation() -> T:
+        async with agent:  # closes its connections afterwards
+            return (await agent.run(list(content))).output
+
     async def answered() -> T:
-        return (await asyncio.wait_for(agent.run(list(content)), deadline_s)).output
+        return await asyncio.wait_for(conversation(), deadline_s)
 
     before = len(wire.calls)
+    wire.until = time.monotonic() + deadline_s
     value, problem = None, ""
     future = asyncio.run_coroutine_threadsafe(answered(), _loop())
     try:
@@ -92,11 +99,11 @@ def ask(
     except PliantError:
         raise
     except (TimeoutError, WaitedLong):
-        problem = f"no usable reply within {deadline_s:g} s"
+        problem = _after(refusals, f"no usable reply within {settings.deadline_s:g} s")
     except AgentRunError as error:
-        problem = refusals[-1] if refusals and len(read) > _AGAIN else _one_line(error)
+        problem = _after(refusals, _reason(error))
     except Exception as error:  # a server may send anything, and a client library raise anything
-        problem = f"{type(error).__name__}: {_one_line(error)}"
+        problem = _after(refusals, f"{type(error).__name__}: {error}")
     finally:
         _give_up(future)
     return Answer(
@@ -105,6 +112,27 @@ def ask(
         refused=None if value is not None or not read else read[-1],
         exchanges=_exchanges(stage, wire.calls[before:], problem),
     )
+
+
+def _reason(error: AgentRunError) -> str:
+    """Why a conversation ended: what was wrong with the last reply, where that was it."""
+    cause = error.__cause__
+    if isinstance(error, UnexpectedModelBehavior) and cause is not None:
+        if isinstance(cause, ValidationError):
+            wrong = cause.errors(include_url=False, include_input=False, include_context=False)
+            told = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}".lstrip(": ") for e in wrong)
+            return f"not the structure that was asked for: {'; '.join(told)}"
+        return str(cause) or str(error)
+    return str(error) or type(error).__name__
+
+
+def _after(refusals: Sequence[str], reason: str) -> str:
+    """The reason in one line, with that of a refusal before it."""
+    reason = one_line(reason) or "no reason given"
+    if not refusals:
+        return reason
+    told = one_line(refusals[-1])
+    return told if told in reason else f"{told}; asked again: {reason}"
 
 
 def _give_up(future: "Future[Any]") -> None:
@@ -141,11 +169,7 @@ def _exchanges(stage: str, calls: Sequence[Call], problem: str) -> tuple[Exchang
         for call in calls
     ]
     for n, following in enumerate(exchanges[1:]):
-        exchanges[n] = replace(exchanges[n], refused=_one_line(following.request))
+        exchanges[n] = replace(exchanges[n], refused=one_line(following.request))
     if exchanges and problem and not exchanges[-1].refused:
         exchanges[-1] = replace(exchanges[-1], refused=problem)
     return tuple(exchanges)
-
-
-def _one_line(error: Exception | str) -> str:
-    return " ".join(str(error).split())[:500]

@@ -2,19 +2,24 @@
 
 import os
 import re
+from typing import Any
 
 from pydantic_ai.exceptions import UserError
 from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models import Model, infer_model
 from pydantic_ai.models.function import AgentInfo, FunctionModel
+from pydantic_ai.settings import ModelSettings
 
 from pliant.errors import InputError
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Replayer
+from pliant.reasoners.vlm.words import one_line
 
 KEY = "PLIANT_VLM_KEY"
-"""Environment variable with the key of the server at `base_url`. A provider's own key is never
-sent to another address."""
+"""Environment variable with the key of the server at `base_url`. What a provider's own variables
+hold is never sent to another address."""
+
+_ACCOUNT = ("OpenAI-Organization", "OpenAI-Project")  # headers that its client adds for OpenAI
 
 
 def model_of(settings: Settings) -> Model:
@@ -31,11 +36,7 @@ def model_of(settings: Settings) -> Model:
     try:
         if settings.base_url is None:
             return infer_model(settings.model)
-        from pydantic_ai.models.openai import OpenAIChatModel
-        from pydantic_ai.providers.openai import OpenAIProvider
-
-        provider = OpenAIProvider(base_url=settings.base_url, api_key=os.environ.get(KEY, "none"))
-        return OpenAIChatModel(settings.model.removeprefix("openai:"), provider=provider)
+        return _served(settings.model.removeprefix("openai:"), settings.base_url)
     except ImportError as error:
         raise InputError(
             f"model '{settings.model}': its provider's library is missing;"
@@ -43,6 +44,33 @@ def model_of(settings: Settings) -> Model:
         ) from error
     except (UserError, ValueError) as error:
         raise InputError(f"model '{settings.model}': {_advice(error)}") from error
+
+
+def _served(name: str, base_url: str) -> Model:
+    """The model that the server at `base_url` knows as `name`."""
+    from openai import omit
+    from openai.types.chat import ChatCompletion
+    from pydantic_ai.models.openai import OpenAIChatModel
+    from pydantic_ai.profiles.openai import OpenAIModelProfile
+    from pydantic_ai.providers.openai import OpenAIProvider
+
+    class Served(OpenAIChatModel):
+        """Keeps what the server says of its version."""
+
+        def _process_provider_details(self, response: ChatCompletion) -> dict[str, Any] | None:
+            details = super()._process_provider_details(response) or {}
+            return details | {"system_fingerprint": response.system_fingerprint}
+
+    if os.environ.get("OPENAI_CUSTOM_HEADERS"):
+        raise InputError(
+            f"OPENAI_CUSTOM_HEADERS is set, and its headers would be sent to {base_url}: unset it"
+        )
+    return Served(
+        name,
+        provider=OpenAIProvider(base_url=base_url, api_key=os.environ.get(KEY) or "none"),
+        profile=OpenAIModelProfile(openai_chat_supports_max_completion_tokens=False),
+        settings=ModelSettings(extra_headers=dict.fromkeys(_ACCOUNT, omit)),  # type: ignore[arg-type]
+    )
 
 
 def recorded(tape: Replayer) -> Model:
@@ -58,5 +86,7 @@ def _advice(error: Exception) -> str:
     """The library's own words in one line; which variable to set, where a key is missing."""
     variable = re.search(r"`([A-Z][A-Z_]*)` environment variable", str(error))
     if variable is not None:
-        return f"it needs a key; set the environment variable {variable[1]}"
-    return " ".join(str(error).split()) + "; give provider:name, such as openai:gpt-4o"
+        return f"set the environment variable {variable[1]}"
+    if str(error).startswith("Unknown model"):
+        return "it is not known; give provider:name, such as openai:gpt-4o"
+    return one_line(str(error))

@@ -16,6 +16,7 @@ from pliant.records import Case, FailureAnalysis, Recovery
 from pliant.recovery import admit
 
 _NO_MOTION_M = 0.0005  # a change or a suggestion smaller than this has no direction
+_ROUNDING_M = 1e-9  # a change of exactly the limit is within it
 _STOP = "stop"
 
 
@@ -63,15 +64,24 @@ def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
     )
 
 
+def in_metres(reply: BaseModel, case: Case) -> str | None:
+    """Why a plan seems to be written in metres, and so says nothing; None: it does not."""
+    if isinstance(reply, AbsolutePlan):
+        for step in steps_of(reply, case):
+            for axis, value in step.goal.items():
+                told, current = value * 1e3, case.goals.formations[step.formation][axis] * 1e3
+                if abs(told * 1e3 - current) < abs(told - current):
+                    return (
+                        f"{step.formation}: goal_mm is {told:g}, which looks like metres; give mm"
+                    )
+    return None
+
+
 def refusal(recovery: Recovery, case: Case, limits: Limits, step_limit_m: float) -> str | None:
     """Why a plan may not be done, in words for the model; None: it may."""
     if not recovery.steps:
         return None
-    for step in recovery.steps:
-        metres = _looks_like_metres(step, case)
-        if metres is not None:
-            return metres
-    tighter = replace(limits, goal_step_m=min(limits.goal_step_m, step_limit_m))
+    tighter = replace(limits, goal_step_m=min(limits.goal_step_m, step_limit_m + _ROUNDING_M))
     refused = admit(recovery, case, tighter).refusals
     if refused:
         return refused[0]
@@ -80,20 +90,11 @@ def refusal(recovery: Recovery, case: Case, limits: Limits, step_limit_m: float)
     return _against_analysis(recovery.steps[0], recovery.analysis.motion, case)
 
 
-def _looks_like_metres(step: Step, case: Case) -> str | None:
-    """A goal of -0.035 mm where -35 mm is in force: asked again, never rescaled."""
-    for axis, value in step.goal.items():
-        told, current = value * 1e3, case.goals.formations[step.formation][axis] * 1e3
-        if abs(told * 1e3 - current) < abs(told - current):
-            return f"{step.formation}: goal_mm is {told:g}, which looks like metres; give mm"
-    return None
-
-
 def _against_analysis(step: Step, suggested: Partial, case: Case) -> str | None:
     """The plan's first change against the analysis's direction."""
     for axis, change in changes(step, case).items():
         told = suggested.get(axis, 0.0)
-        if abs(change) > _NO_MOTION_M and abs(told) > _NO_MOTION_M and change * told < 0:
+        if _opposed(change, told):
             return (
                 f"{step.formation}: changes {axis} by {axis.to_report(change):+.1f} mm, but the"
                 f" analysis says {axis.to_report(told):+.1f} mm"
@@ -110,12 +111,11 @@ def changes(step: Step, case: Case) -> Partial:
 def clamped(
     recovery: Recovery, evidence: Recovery | None, case: Case, limits: Limits, most_m: float
 ) -> Recovery | None:
-    """A refused plan with each change cut down to `most_m`, where its first step goes the way that
+    """A refused plan with each change cut down to `most_m`, where it starts and goes the way that
     the evidence points, which is the rules' plan's; None: it does not, or may still not be done."""
     if not recovery.steps or evidence is None or not evidence.steps:
         return None
-    first, right = recovery.steps[0], evidence.steps[0]
-    if first.formation is not right.formation or not _same_way(first, right, case):
+    if not _same_way(recovery.steps, evidence.steps, case):
         return None
     steps = tuple(
         replace(
@@ -128,9 +128,23 @@ def clamped(
         for step in recovery.steps
     )
     cut = replace(recovery, steps=steps, clamped=recovery.steps)
-    return None if refusal(cut, case, limits, most_m + _NO_MOTION_M) else cut
+    return None if refusal(cut, case, limits, most_m) else cut
 
 
-def _same_way(first: Step, right: Step, case: Case) -> bool:
-    wanted = changes(right, case)
-    return all(by * wanted.get(axis, 0.0) > 0 for axis, by in changes(first, case).items())
+def _same_way(steps: tuple[Step, ...], right: tuple[Step, ...], case: Case) -> bool:
+    """Both start with the same formation and move its goal the same way, and no later goal the
+    other way."""
+    wanted = {step.formation: changes(step, case) for step in right}
+    if steps[0].formation is not right[0].formation:
+        return False
+    pairs = [
+        (by, wanted.get(step.formation, {}).get(axis, 0.0))
+        for step in steps
+        for axis, by in changes(step, case).items()
+    ]
+    return pairs[0][0] * pairs[0][1] > 0 and not any(_opposed(*pair) for pair in pairs)
+
+
+def _opposed(one: float, other: float) -> bool:
+    """Two motions [m] along an axis that have a direction, and not the same."""
+    return min(abs(one), abs(other)) > _NO_MOTION_M and one * other < 0

@@ -32,7 +32,7 @@ def instructions(settings: Settings, task: Task, *stages: str) -> str:
         "peg": f"the {task.peg.name}, {task.peg.length * 1e3:.0f} mm long",
         "clearance_mm": f"{task.hole.clearance * 1e3:g}",
         "depth_mm": f"{INSERTED_DEPTH_M * 1e3:g}",
-        "step_limit_mm": f"{int(settings.step_limit_mm)}",
+        "step_limit_mm": f"{settings.step_limit_mm:g}",
     }
     return "\n".join(Template(_prompt(name)).substitute(values) for name in ("task", *stages))
 
@@ -138,14 +138,15 @@ def _measured(case: Case) -> str:
     scene, belief = case.outcome.scene, case.belief
     if scene.peg is not None:
         lines.append(
-            f"peg: tip_y_mm {scene.peg.tip_y.value * 1e3:.1f},"
-            f" tip_z_mm {scene.peg.tip_z.value * 1e3:.1f}, tilt_deg {scene.peg.tilt_deg:.1f}"
+            f"peg: tip_y_mm {_tenths(scene.peg.tip_y.value * 1e3)},"
+            f" tip_z_mm {_tenths(scene.peg.tip_z.value * 1e3)},"
+            f" tilt_deg {_tenths(scene.peg.tilt_deg)} (positive: to the left)"
         )
     if belief.hole_y is not None:
-        lines.append(f"hole: y_mm {belief.hole_y.value * 1e3:.1f}")
+        lines.append(f"hole: y_mm {_tenths(belief.hole_y.value * 1e3)}")
     if belief.grasp_roll is not None:
         angle = Axis.ROLL.to_report(belief.grasp_roll.value)
-        lines.append(f"peg's angle in the grasp: roll_deg {angle:.1f}")
+        lines.append(f"peg's angle in the grasp: roll_deg {_tenths(angle)}")
     metric = case.evidence["metric"]
     if metric is not None:
         lines.append(f"metric check: {_told(metric)}")
@@ -171,7 +172,12 @@ def _told(check: Check | None) -> str:
 
 def _mm(values: Pose | Partial, axes: Iterable[Axis]) -> str:
     """Values with the unit in the name: "y_mm -35.2, roll_deg 10.0"."""
-    return ", ".join(f"{a}_{a.report_unit} {a.to_report(values[a]):.1f}" for a in axes)
+    return ", ".join(f"{a}_{a.report_unit} {_tenths(a.to_report(values[a]))}" for a in axes)
+
+
+def _tenths(value: float) -> str:
+    """To a tenth, and nothing below zero is written "-0.0"."""
+    return f"{round(value, 1) + 0.0:.1f}"
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -49,6 +49,8 @@ class Vlm:
     _silent: int = 0
 
     def __post_init__(self) -> None:
+        most_mm = min(self.settings.step_limit_mm, self.limits.goal_step_m * 1e3)
+        self.settings = replace(self.settings, step_limit_mm=most_mm)
         self._wire = Wire(self.asked, Budget(self.settings), self.tape)
 
     @property
@@ -107,7 +109,7 @@ class Vlm:
         until = self._deadline()
         if self.settings.one_call:
             return self._planned(case, verdict, None, (), until)
-        content = prompt.situation(case, self.settings, verdict=verdict)
+        content = prompt.situation(case, self.settings, verdict=self._told(verdict))
         answer = self._ask(case, "analyse", content, Analysis, ("analyse",), until)
         if answer.value is None:
             return self._instead(case, verdict, None, answer.problem, answer.exchanges)
@@ -132,6 +134,8 @@ class Vlm:
         asked = ("analyse",) if analysis is None else ()
         reply = with_analysis(plan) if analysis is None else plan
 
+        most_m = settings.step_limit_mm * 1e-3
+
         def proposal(said: BaseModel) -> Recovery:
             if isinstance(said, Analysis):
                 told = plans.analysis_of(said)
@@ -143,19 +147,29 @@ class Vlm:
         answer = self._ask(
             case,
             "plan",
-            prompt.situation(case, settings, verdict=verdict, analysis=analysis),
+            prompt.situation(case, settings, verdict=self._told(verdict), analysis=analysis),
             reply,
             (*asked, f"plan_{settings.plan}"),
             until,
-            check=lambda said: plans.refusal(
-                proposal(said), case, self.limits, settings.step_limit_mm * 1e-3
+            check=lambda said: (
+                plans.in_metres(said, case)
+                or plans.refusal(proposal(said), case, self.limits, most_m)
             ),
         )
         exchanges = before + answer.exchanges
         if answer.value is not None:
             return replace(proposal(answer.value), exchanges=exchanges)
-        refused = None if answer.refused is None else proposal(answer.refused)
-        return self._instead(case, verdict, refused, answer.problem, exchanges)
+        refused = answer.refused
+        if refused is None or plans.in_metres(refused, case) is not None:
+            return self._instead(case, verdict, None, answer.problem, exchanges)
+        return self._instead(case, verdict, proposal(refused), answer.problem, exchanges)
+
+    def _told(self, verdict: Verdict) -> Verdict:
+        """What the model is told of a verdict. The words of another judge hold measurements and
+        Table I, which a model that is not told them would learn that way."""
+        if verdict.by == self.name or self.settings.measurements:
+            return verdict
+        return replace(verdict, reason=f"judged by {verdict.by}", conflict=None)
 
     def _instead(
         self,
@@ -173,7 +187,7 @@ class Vlm:
             return Recovery(analysis=stop, steps=(), by=self.name, exchanges=exchanges)
         evidence = self.rules.recover(case, verdict)
         if refused is not None:
-            most = self.settings.clamp_mm * 1e-3
+            most = min(self.settings.clamp_mm, self.settings.step_limit_mm) * 1e-3
             cut = plans.clamped(refused, evidence, case, self.limits, most)
             if cut is not None:
                 return replace(cut, exchanges=exchanges)
@@ -213,8 +227,10 @@ class Vlm:
             deadline_s=left,
             check=check,
         )
-        heard = any(exchange.reply for exchange in answer.exchanges)
-        self._silent = 0 if heard else self._silent + 1
+        if any(exchange.reply for exchange in answer.exchanges):
+            self._silent = 0
+        elif answer.exchanges:
+            self._silent += 1
         return answer
 
 

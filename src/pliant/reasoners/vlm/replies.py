@@ -1,24 +1,21 @@
 """The structures a model replies in. Units stand in the field names; what is not a number, not
-finite or too long is refused. Bounds are in the schema, so that a server that enforces schemas
-cannot write a plan beyond them; a reply from one that does not is refused after reading."""
+finite, beyond a metre or too long is refused. The bounds of a change stand in the schema, so that a
+server that enforces schemas cannot write a plan beyond them; where one does not, the plan is read
+and then refused, so that it can be cut down."""
 
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 from pliant.formations import Formation
+from pliant.reasoners.vlm.words import printable
 
 _MOST_WORDS = 2000  # characters of an explanation
+_MOST_MM = 1000.0  # beyond it no length in this task is in millimetres
 
-
-def _printable(text: str) -> str:
-    """Control characters, which a terminal would obey, shown as a replacement character."""
-    return "".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in text)
-
-
-Words = Annotated[str, Field(max_length=_MOST_WORDS), AfterValidator(_printable)]
+Words = Annotated[str, Field(max_length=_MOST_WORDS), AfterValidator(printable)]
 Vote = Literal["success", "failure", "not available"]
-Millimetres = Annotated[float, Field(allow_inf_nan=False)]
+Millimetres = Annotated[float, Field(allow_inf_nan=False, ge=-_MOST_MM, le=_MOST_MM)]
 Skill = Literal["fit", "align", "insertion"]
 
 
@@ -79,6 +76,8 @@ def bounded_plan(most_mm: float) -> type[BoundedPlan]:
         name: (
             int,
             Field(
+                ge=-_MOST_MM,
+                le=_MOST_MM,
                 description=f"Change of the goal of {skill}, whole millimetres",
                 json_schema_extra={"minimum": -most, "maximum": most},
             ),
@@ -96,6 +95,6 @@ def with_analysis(plan: type[BaseModel]) -> type[BaseModel]:
     """Analysis and plan as one reply."""
     return create_model(
         "AnalysisAndPlan",
-        __base__=(Analysis, plan),
+        __base__=(plan, Analysis),  # the fields of the last base come first
         __doc__=f"{Analysis.__doc__} Then: {plan.__doc__}",
     )

@@ -2,7 +2,8 @@
 
 The first line says what made it. A picture stands once, by its hash, before the first request that
 shows it. A request is found again by its words, output schema and sampling, not by its pictures:
-another machine's renderer may draw them a little differently, which is reported.
+another machine's renderer may draw them a little differently, which is reported. Each line ends in
+a hash of itself, so that one that was damaged is not taken for what a model said.
 """
 
 import base64
@@ -12,13 +13,19 @@ from collections import defaultdict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Protocol
+
+from pydantic import TypeAdapter
+from pydantic_ai.messages import ModelResponse
 
 from pliant.errors import InputError
 
 TAPE_SCHEMA = 1
 _CLIENTS = ("pliant", "pydantic-ai-slim", "openai", "anthropic", "google-genai")
+
+RESPONSE = TypeAdapter(ModelResponse)
 
 Document = Mapping[str, Any]
 
@@ -33,7 +40,7 @@ class Request:
     @property
     def key(self) -> str:
         """A hash of the words."""
-        return _hash(json.dumps(self.words, sort_keys=True).encode())
+        return _hash_of(self.words)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,16 +76,20 @@ class NoTape:
 
 @dataclass
 class Recorder:
-    """Writes a recording; what was in the file before is replaced.
+    """Writes a recording; one that was in the file before is replaced.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or holds something else than a recording.
     """
 
     path: Path
     _written: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
+        if self.path.is_file() and self.path.stat().st_size and not _is_recording(self.path):
+            raise InputError(
+                f"'{self.path}' holds something else than a recording: choose another file"
+            )
         versions = {name: _version(name) for name in _CLIENTS}
         head = {"tape": TAPE_SCHEMA, "versions": {k: v for k, v in versions.items() if v}}
         self._write([head], "w")
@@ -94,7 +105,6 @@ class Recorder:
             if name not in self._written
         ]
         exchange = {
-            "key": request.key,
             "request": request.words,
             "pictures": [_hash(png) for png in request.pictures],
             "reply": reply.message,
@@ -105,7 +115,8 @@ class Recorder:
         self._written |= named.keys()
 
     def _write(self, lines: list[Document], mode: str) -> None:
-        text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
+        sealed = ({**line, "hash": _hash_of(line)} for line in lines)
+        text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in sealed)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open(mode, encoding="utf-8") as file:
@@ -127,14 +138,15 @@ class Replayer:
     path: Path
     _exchanges: dict[str, deque[Document]] = field(default_factory=lambda: defaultdict(deque))
     _order: list[Document] = field(default_factory=list)
+    _pictures: set[str] = field(default_factory=set)
     _used: int = 0
 
     def __post_init__(self) -> None:
         for number, line in enumerate(_lines(self.path), start=1):
             try:
                 self._read(_parsed(line), number)
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
-                why = f"{type(error).__name__}: {error}".splitlines()[0]
+            except (ValueError, KeyError, TypeError, RecursionError) as error:
+                why = f"{type(error).__name__}: {error}".splitlines()[0][:200]
                 raise InputError(
                     f"recording '{self.path}', line {number}, is broken ({why}): record it again"
                 ) from error
@@ -171,17 +183,15 @@ class Replayer:
         elif "picture" in line:
             if _hash(base64.b64decode(line["png"], validate=True)) != line["picture"]:
                 raise ValueError("the picture is not the one that was recorded")
+            self._pictures.add(line["picture"])
         else:
-            request = Request(words=line["request"], pictures=())
-            if request.key != line["key"]:
-                raise ValueError("the request is not the one that was recorded")
-            if line["reply"] is None and not line["error"]:
-                raise ValueError("it has neither a reply nor an error")
             if line["reply"] is not None:
-                line["reply"]["model_name"]
-            float(line["latency_s"])
-            list(line["pictures"])
-            self._exchanges[line["key"]].append(line)
+                RESPONSE.validate_python(line["reply"])
+            elif not line["error"]:
+                raise ValueError("it has neither a reply nor an error")
+            if not self._pictures.issuperset(line["pictures"]):
+                raise ValueError("a picture that it shows is missing")
+            self._exchanges[Request(words=line["request"], pictures=()).key].append(line)
             self._order.append(line)
 
     def _mismatch(self, request: Request) -> str:
@@ -211,7 +221,17 @@ def _parsed(line: bytes) -> Document:
     parsed = json.loads(line)
     if not isinstance(parsed, dict):
         raise ValueError("it is not a JSON object")
+    if parsed.pop("hash", None) != _hash_of(parsed):
+        raise ValueError("it is not as it was written")
     return parsed
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return "tape" in _parsed(file.readline(10_000))
+    except (OSError, ValueError, RecursionError):
+        return False
 
 
 def _difference(one: Document, other: Document) -> str:
@@ -219,14 +239,18 @@ def _difference(one: Document, other: Document) -> str:
     for name in sorted({*one, *other}):
         ours, theirs = _text(other.get(name)), _text(one.get(name))
         if ours != theirs:
-            pairs = zip(theirs.splitlines(), ours.splitlines(), strict=False)
-            line = next(((a, b) for a, b in pairs if a != b), (theirs[:80], ours[:80]))
-            return f"{name}: '{line[0][:80]}' was recorded, now it is '{line[1][:80]}'"
+            pairs = zip_longest(theirs.splitlines(), ours.splitlines(), fillvalue="")
+            was, now = next((a, b) for a, b in pairs if a != b)
+            return f"{name}: '{was[:80]}' was recorded, now it is '{now[:80]}'"
     return "nothing: it was used already"
 
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, indent=0, sort_keys=True)
+
+
+def _hash_of(document: Document) -> str:
+    return _hash(json.dumps(document, sort_keys=True).encode())
 
 
 def _hash(content: bytes) -> str:

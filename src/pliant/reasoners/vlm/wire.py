@@ -2,9 +2,11 @@
 bounded number of times, recorded or replayed, and written down for the trial's record."""
 
 import asyncio
+import json
+import math
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -24,6 +26,7 @@ from pydantic_ai.messages import (
     ModelMessage,
     ModelRequest,
     ModelResponse,
+    TextPart,
     ToolCallPart,
     UserPromptPart,
 )
@@ -32,7 +35,8 @@ from pydantic_ai.models.wrapper import WrapperModel
 from pydantic_ai.settings import ModelSettings
 
 from pliant.reasoners.vlm.settings import Settings
-from pliant.reasoners.vlm.tape import Reply, Request, Tape
+from pliant.reasoners.vlm.tape import RESPONSE, Reply, Request, Tape
+from pliant.reasoners.vlm.words import one_line, printable, without_keys
 
 TRIES = 3  # of one request, where trying again may help
 _MAY_PASS = (
@@ -42,8 +46,7 @@ _MAY_PASS = (
     ModelConnectionError,
 )
 _PAUSE_S = 0.5  # before the second try; doubled after that
-_MOST_TEXT = 20_000  # characters of a reply that the record keeps
-_RESPONSE = TypeAdapter(ModelResponse)
+_CHARACTERS = 20  # of a reply per token that it may have; what is beyond that is cut off
 _ANYTHING: TypeAdapter[Any] = TypeAdapter(Any)
 
 
@@ -90,15 +93,17 @@ class Call:
 
 @dataclass(init=False)
 class Wire(WrapperModel):
-    """A model behind the budget and the tape. `calls` grows by one with each request."""
+    """A model behind the budget and the tape. `calls` grows by one with each request; none is tried
+    again after `until` (monotonic clock)."""
 
     budget: Budget
     tape: Tape
     calls: list[Call] = field(default_factory=list)
+    until: float = math.inf
 
     def __init__(self, wrapped: Model, budget: Budget, tape: Tape) -> None:
         super().__init__(wrapped)
-        self.budget, self.tape, self.calls = budget, tape, []
+        self.budget, self.tape, self.calls, self.until = budget, tape, [], math.inf
 
     async def request(
         self,
@@ -118,11 +123,11 @@ class Wire(WrapperModel):
         started = time.perf_counter()
         try:
             response = await self._tried(messages, model_settings, model_request_parameters)
-            reply = Reply(
-                message=_RESPONSE.dump_python(response, mode="json"),
-                error="",
-                latency_s=time.perf_counter() - started,
-            )
+            latency_s = time.perf_counter() - started
+            message = RESPONSE.dump_json(_cut(response, _CHARACTERS * self._reply_tokens))
+            kept = json.loads(without_keys(message.decode()))
+            RESPONSE.validate_python(kept)  # what is recorded can be read again
+            reply = Reply(message=kept, error="", latency_s=latency_s)
         except asyncio.CancelledError:
             self._failed(request, messages, "no reply before the deadline", started)
             raise
@@ -144,9 +149,16 @@ class Wire(WrapperModel):
             except _MAY_PASS as error:
                 if attempt == TRIES:
                     raise
-                asked = getattr(error, "retry_after", None)
-                await asyncio.sleep(asked if asked is not None else _PAUSE_S * 2 ** (attempt - 1))
+                asked = error.retry_after
+                pause = asked if asked is not None else _PAUSE_S * 2 ** (attempt - 1)
+                if time.monotonic() + pause >= self.until:
+                    raise
+                await asyncio.sleep(pause)
         raise AssertionError("the last try returns or raises")
+
+    @property
+    def _reply_tokens(self) -> int:
+        return self.budget.settings.reply_tokens
 
     def _answered(
         self, messages: list[ModelMessage], reply: Reply, same_pictures: bool
@@ -156,14 +168,14 @@ class Wire(WrapperModel):
         if reply.message is None:
             self.calls.append(_call(messages, error=reply.error, latency_s=reply.latency_s))
             raise ModelAPIError("recorded", reply.error)
-        response = _RESPONSE.validate_python(reply.message)
+        response = RESPONSE.validate_python(reply.message)
         usage, cost = response.usage, self._cost(response)
         self.budget.tokens += usage.input_tokens + usage.output_tokens
         self.budget.usd += cost or 0.0
         self.calls.append(
             _call(
                 messages,
-                reply=_reply_text(response),
+                reply=_text(response),
                 model=response.model_name or self.wrapped.model_name,
                 input_tokens=usage.input_tokens,
                 cached_tokens=usage.cache_read_tokens,
@@ -195,7 +207,7 @@ class Wire(WrapperModel):
 
 
 def _why(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0][:300]
+    return one_line(f"{type(error).__name__}: {error}")
 
 
 # --- messages as words and pictures ---------------------------------------------------------------
@@ -235,6 +247,17 @@ def _call(messages: list[ModelMessage], **rest: Any) -> Call:
     )
 
 
+def _cut(response: ModelResponse, most: int) -> ModelResponse:
+    """A reply whose text is far longer than was asked for, as its beginning."""
+    text = _text(response)
+    extra = len(text) - most
+    if extra <= 0:
+        return response
+    return replace(
+        response, parts=[TextPart(f"{text[:most]} … and {extra} characters more, cut off")]
+    )
+
+
 def _pictures(messages: Iterable[ModelMessage]) -> list[BinaryContent]:
     return [
         item
@@ -247,7 +270,7 @@ def _pictures(messages: Iterable[ModelMessage]) -> list[BinaryContent]:
 
 
 def _text(message: ModelMessage) -> str:
-    return "\n".join(filter(None, (_part_text(part) for part in message.parts)))
+    return printable("\n".join(filter(None, (_part_text(part) for part in message.parts))))
 
 
 def _part_text(part: Any) -> str:
@@ -259,12 +282,6 @@ def _part_text(part: Any) -> str:
     if isinstance(part, UserPromptPart):
         return "\n".join("[picture]" if not isinstance(c, str) else c for c in content)
     return _ANYTHING.dump_json(content).decode()
-
-
-def _reply_text(response: ModelResponse) -> str:
-    text = _text(response)
-    extra = len(text) - _MOST_TEXT
-    return text if extra <= 0 else f"{text[:_MOST_TEXT]} … and {extra} characters more"
 
 
 def _decoded(png: bytes) -> NDArray[np.uint8]:
