@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,10 +61,10 @@ def open_run(folder: Path, trial_id: str | None = None) -> Source:
         InputError: the run is not finished, kept no trial's record, or has no such trial.
     """
     rows = results.read_trials(folder).to_pylist()
-    splits = _splits(rows)
+    found = splits(rows)
     saved = [
         Saved(folder=kept, row=row, split=split)
-        for row, split in zip(rows, splits, strict=True)
+        for row, split in zip(rows, found, strict=True)
         if ((kept := folder / "trials" / str(row["trial_id"])) / TRIAL).is_file()
     ]
     if not saved:
@@ -105,7 +105,7 @@ def counts(trials: tuple[Saved, ...]) -> dict[str, int]:
     return {split: counted[split] for split in (TRAIN, TEST)}
 
 
-def _splits(rows: list[Row]) -> list[str]:
+def splits(rows: Sequence[Row]) -> list[str]:
     """Each trial's split: test if the lowest seed that drew the same setup is a held-out one. Where
     nothing is drawn, every seed gives the same trial, and all of them go the same way."""
     setups = [tuple(row[f"drawn_{name}"] for name in NOMINAL) for row in rows]
