@@ -97,8 +97,8 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         super().reset(seed=seed)
         check_options(options)
         for draw in range(_DRAWS):
-            stream = draw > 0 or seed is None
-            trial = int(self.np_random.integers(SEEDS)) if stream or seed is None else seed
+            given = seed if draw == 0 else None
+            trial = int(self.np_random.integers(SEEDS)) if given is None else given
             self._begin(trial)
             if self._question is not None:
                 return self._observe(), {"seed": trial, **self._info()}
@@ -110,9 +110,9 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
     def step(
         self, action: NDArray[Any]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """One decision. `info` has why steps of it were `refused`, the `formation` and
-        the `reason` of the last verdict, `executions` so far, the loop's `end_reason`, what a
-        `fault` said, and the `truth`, which is not for a policy."""
+        """One decision. `info` has why steps of it were `refused`, the `formation` and the `reason`
+        of the last verdict, `executions` so far, the loop's `end_reason`, what a `fault` said, and
+        the `truth`, which is not for a policy."""
         question = self.question
         values = check_action(action, len(ACTION))
         answer = as_recovery(values, question.case, question.verdict, NAME)
@@ -126,13 +126,8 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         truncated = bool(self._run.end_reason) and not terminated
         inserted = terminated and bool(self._cell.truth().inserted)
         reward = (INSERTED if inserted else 0.0) - cost
-        return (
-            self._observe(),
-            reward,
-            terminated,
-            truncated,
-            self._info("; ".join(admission.refusals)),
-        )
+        info = self._info("; ".join(admission.refusals))
+        return self._observe(), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The wide camera's picture (480, 640, 3), or None without a render mode."""
@@ -191,7 +186,7 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
 
 
 class _Judge:
-    """The rules' judge, which keeps what it judged last. It is not asked for recoveries."""
+    """The rules' judge, which keeps what it judged last. The agent recovers in its place."""
 
     name = NAME
 
