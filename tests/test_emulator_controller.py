@@ -227,7 +227,7 @@ def test_a_pose_out_of_reach_ends_the_program_and_is_not_safe(client: Client) ->
 
 def test_a_pose_outside_the_box_is_not_safe(client: Client) -> None:
     x, y, z = client.target()[:3]
-    client.controller.limits = SafetyLimits(low=(x - 0.1, y - 0.1, z), high=(x + 0.1, y + 0.1, 1.0))
+    client.controller.limits = SafetyLimits(box=(x - 0.1, y - 0.1, z, x + 0.1, y + 0.1, 1.0))
     for dz, safe in ((0.01, 1), (-0.01, 0)):
         client.call(SAFE_POSE, *(client.target() + [0.0, 0.0, dz, 0.0, 0.0, 0.0]))
         assert client.registers.out_int[1] == safe

@@ -374,3 +374,12 @@ def test_an_emulator_ends_with_the_process_that_started_it(tmp_path: Path) -> No
         return False
 
     until(is_gone)
+
+
+def test_the_documented_example_touches_the_board() -> None:
+    text = (Path(__file__).parent.parent / "docs" / "emulator.md").read_text()
+    code = text.split("```python\n", 1)[1].split("```", 1)[0].replace("127.0.0.1", OTHER_HOST)
+    with started("--host", OTHER_HOST):
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("touched the board with")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pliant.emulator.faults import Fault, first_problem
-from pliant.emulator.pace import Pacing
+from pliant.emulator.pace import MOST_SPEED, Pacing
 from pliant.errors import InputError, PliantError
 from pliant.task import NOMINAL, Condition, Setup, condition
 
@@ -80,7 +80,7 @@ class ChangePace(_Request):
 
     do: Literal["pace"]
     mode: Pacing
-    speed: float = Field(default=1.0, gt=0.0, le=100.0)
+    speed: float = Field(default=1.0, gt=0.0, le=MOST_SPEED)
 
 
 class Suffer(_Request):

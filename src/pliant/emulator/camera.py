@@ -21,7 +21,6 @@ import cv2
 import mujoco
 from pydantic import TypeAdapter
 
-import pliant.sim  # noqa: F401, chooses the OpenGL back end
 from pliant.cell import Camera
 from pliant.emulator.block import Block, CameraFault, State
 from pliant.errors import InputError

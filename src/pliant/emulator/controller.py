@@ -57,8 +57,7 @@ class SafetyLimits:
     """What the controller refuses by itself."""
 
     force: float = 150.0  # [N] external, beyond which it stops
-    low: tuple[float, float, float] | None = None  # [m] box for the tool's centre point, base frame
-    high: tuple[float, float, float] | None = None
+    box: tuple[float, ...] | None = None  # (6,) [m] low x, y, z, high x, y, z; base frame
 
 
 @dataclass(kw_only=True)
@@ -248,12 +247,10 @@ class Controller:
 
     def within_limits(self, tool: Array, near: Array) -> bool:
         """Whether the tool's centre point may be at a transform: in the box and within reach."""
-        low, high = self.limits.low, self.limits.high
-        position = tool[:3, 3]
-        if low is not None and np.any(position < np.array(low)):
-            return False
-        if high is not None and np.any(position > np.array(high)):
-            return False
+        if self.limits.box is not None:
+            position, box = tool[:3, 3], np.array(self.limits.box)
+            if np.any(position < box[:3]) or np.any(position > box[3:]):
+                return False
         q = self.plant.solution(tool @ inverse(self.tool), near)
         return q is not None and self.joints_within_limits(q)
 

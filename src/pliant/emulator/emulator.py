@@ -18,7 +18,7 @@ from pliant.emulator import admin, camera, faults, frames
 from pliant.emulator.block import Block, CameraFault
 from pliant.emulator.controller import FREQUENCY, Controller, SafetyLimits, note
 from pliant.emulator.motion import ToolLine, Travel
-from pliant.emulator.pace import Pace, Pacing
+from pliant.emulator.pace import MOST_SPEED, Pace, Pacing
 from pliant.emulator.plant import Plant
 from pliant.emulator.ports import GREETING, Dashboard, Lines, Scripts
 from pliant.emulator.rtde import Rtde
@@ -35,23 +35,64 @@ _CAMERA_START_S = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What an emulator is started with."""
+    """An emulated UR5e controller with a soft wrist, a gripper and a camera."""
 
     peg: str = "circle"
+    """circle, square, rectangle, or the path of a peg file (.yaml)"""
     condition: str = "none"
+    """none, friction, pose or all: what the first trial draws at random"""
     seed: int = 0
-    pacing: Pacing = Pacing.REAL
-    speed: float = 8.0
+    """decides what is drawn"""
+    mode: Pacing = Pacing.REAL
+    """real time, fast, or lockstep: a client grants the ticks through the admin port"""
+    speed: float = 4.0
+    """times real time, in fast mode"""
     host: str = "127.0.0.1"
+    """the address to serve: others than loopback can be reached from elsewhere"""
     admin_port: int = ADMIN_PORT
+    """of the experiment's side"""
     camera_port: int = CAMERA_PORT
+    """of the pictures, over HTTP"""
     force_limit: float = 150.0
+    """external force [N] beyond which the controller stops by itself"""
+    box: tuple[float, float, float, float, float, float] | None = None
+    """x, y, z from and x, y, z to [m], base frame: where the tool's centre point may be"""
     force_noise: float = 0.0
+    """standard deviation [N] of the measured force"""
     faults: Path | None = None
+    """a file of faults to come (.yaml)"""
     with_parent: bool = False
+    """end when the process that started this one does"""
+
+    def check(self) -> None:
+        """
+        Raises:
+            InputError: a value cannot be used.
+        """
+        self.is_loopback()
+        for name, value, most in (
+            ("speed", self.speed, MOST_SPEED),
+            ("force-limit", self.force_limit, 1000.0),
+        ):
+            if not 0.0 < value <= most:
+                raise InputError(f"{name} {value:g}: it must be above 0 and at most {most:g}")
+        if not 0.0 <= self.force_noise <= faults.MOST_NOISE:
+            raise InputError(
+                f"force-noise {self.force_noise:g} N: it must be 0 to {faults.MOST_NOISE:g} N"
+            )
+        if self.box is not None and any(
+            not low < high for low, high in zip(self.box[:3], self.box[3:], strict=True)
+        ):
+            raise InputError(f"box {self.box}: each of the first three must be below its partner")
+        if self.seed < 0:
+            raise InputError(f"seed {self.seed}: it must be 0 or more")
 
     def is_loopback(self) -> bool:
-        """Whether only this machine can reach it."""
+        """Whether only this machine can reach it.
+
+        Raises:
+            InputError: the host is not an address.
+        """
         if self.host == "localhost":
             return True
         try:
@@ -70,18 +111,17 @@ class Emulator:
         Raises:
             InputError: an option cannot be used.
         """
-        options.is_loopback()
+        options.check()
         self._options = options
         self._schedule = faults.load(options.faults) if options.faults is not None else []
         self._pending = list(self._schedule)
         task = load_task(options.peg)
         setup = condition(options.condition).draw(options.seed)
         self.plant = Plant(task, setup)
-        self.controller = Controller(
-            self.plant, SafetyLimits(force=options.force_limit), options.force_noise
-        )
+        limits = SafetyLimits(force=options.force_limit, box=options.box)
+        self.controller = Controller(self.plant, limits, options.force_noise)
         self.pace = Pace(self.controller, self._publish)
-        self.pace.set(options.pacing, options.speed)
+        self.pace.set(options.mode, options.speed)
         self.rtde = Rtde(controller=self.controller, wake=self.pace.wake)
         self.controller.on_tick.append(self._after_tick)
         self._dashboard = Dashboard(self.controller)

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pliant.emulator.block import CameraFault
 from pliant.errors import InputError
 
+MOST_NOISE = 100.0  # [N]
 Seconds = Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
 
 
@@ -67,7 +68,7 @@ class ForceNoise(_Strict):
     """Gaussian noise on each axis of the measured force, one standard deviation."""
 
     kind: Literal["force_noise"]
-    newtons: Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)]
+    newtons: Annotated[float, Field(ge=0.0, le=MOST_NOISE, allow_inf_nan=False)]
 
 
 Fault = Annotated[

@@ -12,6 +12,7 @@ from enum import StrEnum
 from pliant.emulator.controller import Controller
 from pliant.emulator.plant import TICK
 
+MOST_SPEED = 100.0  # times real time; what is reached is another matter
 _LATE_S = TICK  # of the wall's time: what is later than this is lost
 _IDLE_S = 0.005  # between answers, while a lockstep client grants nothing
 _TICKS_UNSEEN = 25  # at most, within one grant: a client acts between grants, not within
