@@ -5,6 +5,7 @@ import sys
 import tyro
 
 from pliant.cli.experiment import experiment
+from pliant.cli.export import export
 from pliant.cli.run import run
 from pliant.cli.tables import tables
 from pliant.cli.view import view
@@ -18,7 +19,13 @@ def main() -> None:
     try:
         sys.exit(
             tyro.extras.subcommand_cli_from_dict(
-                {"run": run, "experiment": experiment, "tables": tables, "view": view},
+                {
+                    "run": run,
+                    "experiment": experiment,
+                    "tables": tables,
+                    "view": view,
+                    "export": export,
+                },
                 prog="pliant",
                 description=_DESCRIPTION,
             )
