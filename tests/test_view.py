@@ -180,6 +180,12 @@ def test_the_command_prints_the_page_to_open(
     assert capsys.readouterr().out == f"{tmp_path / 'index.html'}\n"
 
 
+def test_a_trial_that_shares_files_with_its_run_is_not_served_alone(tmp_path: Path) -> None:
+    experiment(tmp_path, keep=ran()[0])
+    with pytest.raises(InputError, match=r"serve .* instead"):
+        command(tmp_path / "trials" / ran()[0].trial_id, serve=True)
+
+
 # --- text is data --------------------------------------------------------------------------------
 
 

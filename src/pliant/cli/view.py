@@ -1,5 +1,6 @@
 """`pliant view`: the pages of an experiment or a run, to open from the disk or to be served."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -7,7 +8,8 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from pliant import teaching
+from pliant import store, teaching
+from pliant.errors import InputError
 
 
 def view(
@@ -23,16 +25,22 @@ def view(
 
     Args:
         folder: the result folder of `pliant experiment` or `pliant run`, or one trial's in it.
-        video: also draw the videos that are missing, some seconds each.
+        video: also draw the videos that are missing, about ten seconds each.
         goals: the taught goals file that the trials used, if it was not the shipped one.
         serve: then serve the folder, and nothing else, to browsers on this machine; Ctrl-C ends it.
         port: of --serve; 0 takes a free one.
     """
     from pliant.report.serve import Server
+    from pliant.report.trial import run_of
     from pliant.report.view import view as make
 
     teachings = [teaching.shipped(), *([] if goals is None else [teaching.load(goals)])]
-    server = Server(folder, port) if serve else None  # a port that is taken is said at once
+    server = None
+    if serve:
+        run = run_of(folder) if (folder / store.TRIAL).is_file() else None
+        if run is not None:
+            raise InputError(f"'{folder}' shares files with its run: serve '{run}' instead")
+        server = Server(folder, port)  # a port that is taken is said at once
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     with console.status("reading the results") as status:
         viewed = make(
@@ -53,6 +61,7 @@ def view(
     console.print(Text(f"{viewed.made} pages of trials made, {viewed.kept} up to date"))
     print(viewed.page)
     if server is not None:
-        console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
-        server.run()
+        with suppress(KeyboardInterrupt):
+            console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
+            server.run()
     return 1 if viewed.problems else 0

@@ -2,7 +2,6 @@
 
 import re
 import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -60,10 +59,11 @@ class Server:
         return f"http://{HOST}:{self.port}/"
 
     def run(self) -> None:
-        """Serve until Ctrl-C or `close`."""
-        with suppress(KeyboardInterrupt):
+        """Serve until `close`, or until it is interrupted."""
+        try:
             self._server.serve_forever()
-        self._server.server_close()
+        finally:
+            self._server.server_close()
 
     def close(self) -> None:
         """End `run`, from another thread."""

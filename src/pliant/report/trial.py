@@ -128,9 +128,16 @@ def write_library(folder: Path) -> None:
             write_bytes(path, content)
 
 
+def run_of(folder: Path) -> Path | None:
+    """The run that a trial's folder lies in, with which its page shares files; None: it lies by
+    itself."""
+    place = folder.resolve().parent
+    return place.parent if place.name == TRIALS else None
+
+
 def _shared(folder: Path) -> str:
     """The way from a trial's folder to what its page shares with others of the run."""
-    return f"../../{ASSETS}" if folder.resolve().parent.name == TRIALS else ASSETS
+    return ASSETS if run_of(folder) is None else f"../../{ASSETS}"
 
 
 def _film(folder: Path, trial: Trial, film: bool) -> list[video.Span] | None:

@@ -42,8 +42,8 @@ def view(
         InputError: the folder holds no results, or they are broken; it cannot be written.
     """
     if (folder / store.TRIAL).is_file():
-        run = folder.resolve().parent.parent
-        home = _HOME if (run / store.RUN).is_file() and (run / trial.PAGE).is_file() else None
+        run = trial.run_of(folder)
+        home = _HOME if run is not None and (run / trial.PAGE).is_file() else None
         return _viewed(folder, Counter([_show(folder, teachings, film, home)]), [])
     found = summary.read(folder)
     stored = sorted(path.parent for path in (folder / trial.TRIALS).glob(f"*/{store.TRIAL}"))
