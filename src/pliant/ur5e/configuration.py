@@ -1,0 +1,329 @@
+"""The cell's file: everything about one real cell that a person measures, chooses or calibrates.
+
+One YAML file; `example.yaml` beside this module explains each field. Millimetres and degrees in the
+file, with the unit in the field's name; SI units and radians from the properties.
+"""
+
+import math
+from enum import StrEnum
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pliant import cell
+from pliant.errors import InputError
+from pliant.pose import Axis, Pose, rotation_matrix
+
+Transform = NDArray[np.float64]
+"""A rigid transform (4, 4) [m]."""
+
+Length = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]  # [mm]
+Angle = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]  # [deg]
+Port = Annotated[int, Field(ge=1, le=65535)]
+Byte = Annotated[int, Field(ge=0, le=255)]
+Hsv = tuple[Annotated[int, Field(ge=0, le=179)], Byte, Byte]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Arm(_Section):
+    """How the controller is reached, and how it brakes."""
+
+    address: Annotated[str, Field(min_length=1)]
+    stop_mm_s2: Annotated[float, Field(ge=500, le=10_000)] = 3000.0
+    ramp_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.15  # from rest to full speed
+    speed_fraction: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # the pendant's speed slider
+    watchdog_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
+
+
+class Tcp(_Section):
+    """The wrist's hinge point on the flange, as on the pendant: the rotation is a vector."""
+
+    x_mm: Length
+    y_mm: Length
+    z_mm: Length
+    rx_deg: Angle
+    ry_deg: Angle
+    rz_deg: Angle
+
+    @property
+    def pose(self) -> list[float]:  # (6,) [m, rad] as UR writes poses
+        lengths = (self.x_mm, self.y_mm, self.z_mm)
+        angles = (self.rx_deg, self.ry_deg, self.rz_deg)
+        return [v * 1e-3 for v in lengths] + [math.radians(v) for v in angles]
+
+
+class Payload(_Section):
+    """What hangs on the flange: wrist, gripper and peg."""
+
+    mass_kg: Annotated[float, Field(gt=0.0, le=5.0)]
+    center_mm: tuple[Length, Length, Length]
+
+    @property
+    def center_m(self) -> list[float]:  # (3,)
+        return [v * 1e-3 for v in self.center_mm]
+
+
+class Frame(_Section):
+    """The task frame in the arm's base frame."""
+
+    x_mm: Length
+    y_mm: Length
+    z_mm: Length
+    roll_deg: Angle = 0.0
+    pitch_deg: Angle = 0.0
+    yaw_deg: Angle = 0.0
+
+    @property
+    def transform(self) -> Transform:
+        """From task to base coordinates."""
+        result = np.eye(4)
+        angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
+        result[:3, :3] = rotation_matrix(*map(math.radians, angles))
+        result[:3, 3] = [self.x_mm * 1e-3, self.y_mm * 1e-3, self.z_mm * 1e-3]
+        return result
+
+
+class Workspace(_Section):
+    """Where the hinge point may go: [from, to] per axis, in the task frame."""
+
+    x_mm: tuple[Length, Length]
+    y_mm: tuple[Length, Length]
+    z_mm: tuple[Length, Length]
+    roll_deg: tuple[Angle, Angle]
+    pitch_deg: tuple[Angle, Angle]
+    yaw_deg: tuple[Angle, Angle]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for name in type(self).model_fields:
+            low, high = getattr(self, name)
+            if not low < high:
+                raise ValueError(f"{name}: the first number must be below the second")
+        return self
+
+    @property
+    def low(self) -> Pose:
+        return self._corner(0)
+
+    @property
+    def high(self) -> Pose:
+        return self._corner(1)
+
+    def _corner(self, which: int) -> Pose:
+        ranges = {axis: getattr(self, f"{axis}_{axis.report_unit}") for axis in Axis}
+        return Pose().updated({a: a.from_report(r[which]) for a, r in ranges.items()})
+
+
+class Limits(_Section):
+    """How fast, how hard, how far."""
+
+    speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = 100.0
+    contact_speed_mm_s: Annotated[float, Field(gt=0.0, le=50.0)] = 20.0
+    free_above_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 10.0
+    compression_mm: Annotated[float, Field(gt=0.0, le=40.0)] = 20.0
+    goal_step_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 45.0
+
+
+class Wrist(_Section):
+    """How the force becomes compression."""
+
+    stiffness_n_mm: Annotated[float, Field(gt=0.0, le=100.0)]
+    axis: Literal["x", "y", "z"] = "z"
+    sign: Literal[1, -1] = 1
+    filter_ms: Annotated[float, Field(ge=0.0, le=100.0)] = 20.0
+
+
+class Gripper(_Section):
+    """The Robotiq 2F-85 behind its URCap socket."""
+
+    port: Port = 63352
+    force: Byte = 150
+    speed: Byte = 100
+    closed_at: Byte = 255
+    open_at: Byte = 0
+
+
+class Source(StrEnum):
+    """Where pictures come from."""
+
+    REALSENSE = "realsense"
+    OPENCV = "opencv"
+    HTTP = "http"
+    FILE = "file"
+
+
+class Camera(_Section):
+    """The side camera, and where it stands in the task frame."""
+
+    source: Source
+    where: str = ""
+    width: Annotated[int, Field(ge=64, le=4096)] = 640
+    height: Annotated[int, Field(ge=64, le=4096)] = 480
+    fps: Annotated[int, Field(ge=1, le=120)] = 30
+    exposure_us: Annotated[int, Field(ge=1, le=200_000)] | None = None
+    white_balance_k: Annotated[int, Field(ge=2000, le=10_000)] | None = None
+    latency_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 100.0
+    focal_px: Annotated[float, Field(gt=10.0, le=100_000.0)]
+    position_mm: tuple[Length, Length, Length]
+    rotation_deg: tuple[Angle, Angle, Angle]
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Self:
+        if self.source is not Source.REALSENSE and not self.where:
+            raise ValueError(
+                f"where: the source {self.source} needs a device, an address or a file"
+            )
+        return self
+
+    @property
+    def calibration(self) -> cell.Camera:
+        return cell.Camera(
+            name="side",
+            width=self.width,
+            height=self.height,
+            focal_px=self.focal_px,
+            position=np.array(self.position_mm) * 1e-3,
+            rotation=rotation_matrix(*map(math.radians, self.rotation_deg)),
+        )
+
+
+class Colours(_Section):
+    """HSV ranges, each [low, high]: hue 0 to 179, saturation and value 0 to 255."""
+
+    peg: tuple[tuple[Hsv, Hsv], ...] = Field(min_length=1)
+    block: tuple[tuple[Hsv, Hsv], ...] = Field(min_length=1)
+
+
+class Patience(_Section):
+    """How long anything may take before the cell counts as broken. All of pliant's waits for a cell
+    are these."""
+
+    stamp_ms: Annotated[float, Field(ge=20.0, le=5000.0)] = 100.0
+    driver_ms: Annotated[float, Field(ge=200.0, le=20_000.0)] = 1000.0
+    picture_ms: Annotated[float, Field(ge=100.0, le=20_000.0)] = 1500.0
+    gripper_ms: Annotated[float, Field(ge=20.0, le=5000.0)] = 200.0
+    connect_ms: Annotated[float, Field(ge=500.0, le=120_000.0)] = 10_000.0
+
+
+class Emulator(_Section):
+    """The cell is emulated: experiments set up its trials, and learn the truth, through this."""
+
+    admin_port: Port = 30100
+    ticks_per_look: Annotated[int, Field(ge=1, le=10)] = 5
+
+
+class Configuration(_Section):
+    """One cell. A file that lacks a section with defaults has them."""
+
+    arm: Arm
+    tcp: Tcp
+    payload: Payload
+    task_frame: Frame
+    workspace: Workspace
+    limits: Limits = Limits()
+    wrist: Wrist
+    gripper: Gripper | None = Gripper()
+    camera: Camera
+    colours: Colours | None = None
+    goals: Path | None = None
+    patience: Patience = Patience()
+    emulator: Emulator | None = None
+
+
+def load(path: Path) -> Configuration:
+    """Read a cell's file. A relative path in it counts from its folder.
+
+    Raises:
+        InputError: the file cannot be read, or a field is missing, unknown or out of range.
+    """
+    try:
+        data = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise InputError(
+            f"cell file '{path}' cannot be read: {error.strerror}; start from {_example()}"
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        first = " ".join(str(error).split())
+        raise InputError(f"cell file '{path}' is not YAML: {first}") from error
+    if not isinstance(data, dict):
+        raise InputError(f"cell file '{path}' holds no fields; start from {_example()}")
+    try:
+        configuration = Configuration.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"cell file '{path}': {_first_problem(error)}") from error
+    return _from_folder(configuration, path.parent)
+
+
+def save(path: Path, configuration: Configuration) -> None:
+    """Write a cell's file as `load` reads it, without comments.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    data = configuration.model_dump(mode="json", exclude_none=True)
+    if configuration.gripper is None:
+        data["gripper"] = None  # absent means the usual one
+    partial = path.with_name(f".{path.name}.part")
+    try:
+        partial.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None))
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"cell file '{path}' cannot be written: {error.strerror}; choose another folder"
+        ) from error
+
+
+def _example() -> str:
+    return str(files("pliant") / "ur5e" / "example.yaml")
+
+
+def _from_folder(configuration: Configuration, folder: Path) -> Configuration:
+    camera, goals = configuration.camera, configuration.goals
+    changes: dict[str, Any] = {}
+    if camera.source is Source.FILE:
+        changes["camera"] = camera.model_copy(update={"where": str(folder / camera.where)})
+    if goals is not None:
+        changes["goals"] = folder / goals
+    return configuration.model_copy(update=changes)
+
+
+def _first_problem(error: ValidationError) -> str:
+    """The first finding in one line: field, value, what is valid."""
+    problem = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in problem["loc"])
+    what = problem["msg"].removeprefix("Value error, ")
+    what = what[:1].lower() + what[1:]
+    match problem["type"]:
+        case "missing":
+            return f"{where} is missing; {_example()} explains it"
+        case "extra_forbidden":
+            return f"there is no field '{where}'; {_example()} has them all"
+        case "value_error":
+            return f"{where}.{what}"
+    return f"{where} is {problem['input']!r}: {what}"
+
+
+# --- poses as the controller writes them ---------------------------------------------------------
+
+
+def transform(pose: list[float]) -> Transform:
+    """The transform of a pose (6,): position [m] and rotation vector [rad]."""
+    result = np.eye(4)
+    result[:3, :3] = cv2.Rodrigues(np.asarray(pose[3:], dtype=float))[0]
+    result[:3, 3] = pose[:3]
+    return result
+
+
+def ur_pose(matrix: Transform) -> list[float]:
+    """The pose (6,) of a transform."""
+    vector = cv2.Rodrigues(np.ascontiguousarray(matrix[:3, :3]))[0].ravel()
+    return [float(v) for v in (*matrix[:3, 3], *vector)]
