@@ -12,9 +12,8 @@ from pliant.emulator import faults, frames
 from pliant.emulator.controller import Controller, Mode, Runtime, Safety, SafetyLimits
 from pliant.emulator.frames import Array
 from pliant.emulator.pace import Pace, Pacing
-from pliant.emulator.plant import Plant
+from pliant.emulator.plant import Plant, nominal_payload
 from pliant.errors import InputError
-from pliant.sim import constants as c
 from pliant.sim.cell import SimCell
 from pliant.task import Setup, load_task
 
@@ -30,7 +29,7 @@ STOP_L, WATCHDOG, SAFE_POSE, INVERSE, FREEDRIVE, FREEDRIVE_STATUS, FORCE_MODE = 
 )
 TASK = load_task("circle")
 PLANT = Plant(TASK, Setup(seed=0))
-MASS = c.GRIPPER_MASS + c.PEG_MASS
+PAYLOAD_OF_TASK = nominal_payload(TASK)
 
 
 class Client:
@@ -89,7 +88,7 @@ def client() -> Client:
     client = Client(Controller(PLANT, SafetyLimits()))
     client.controller.play(())
     client.call(SET_TCP, *frames.pose(PLANT.hinge_on_flange))
-    client.call(PAYLOAD, MASS, *PLANT.tool_centre_of_mass())
+    client.call(PAYLOAD, PAYLOAD_OF_TASK.mass, *PAYLOAD_OF_TASK.centre)
     client.call(ZERO_FT)
     return client
 
@@ -161,7 +160,7 @@ def test_the_payload_is_compensated_at_any_tilt(client: Client) -> None:
     assert np.linalg.norm(client.force()) < 0.05
     client.call(PAYLOAD, 0.0, 0.0, 0.0, 0.1)
     client.rest(0.1)
-    assert client.force()[2] == pytest.approx(-MASS * 9.81, abs=0.1)
+    assert client.force()[2] == pytest.approx(-PAYLOAD_OF_TASK.mass * 9.81, abs=0.1)
 
 
 def test_the_arm_rests_within_a_tenth_of_a_second_after_a_protective_stop(client: Client) -> None:

@@ -6,14 +6,14 @@ import sys
 
 import tyro
 
-from pliant.emulator.emulator import Emulator, Options
+from pliant.emulator.emulator import Options, serve
 from pliant.errors import PliantError
 
 _PROGRAM = "python -m pliant.emulator"
 
 
 def main() -> None:
-    """Exit status: 0 stopped, 2 wrong usage or a port that is taken."""
+    """Exit status: 0 stopped, 2 wrong usage or a port that is taken, 130 interrupted before."""
     flags = (tyro.conf.EnumChoicesFromValues, tyro.conf.FlagCreatePairsOff)
     options = tyro.cli(Options, prog=_PROGRAM, config=flags)
     try:
@@ -27,14 +27,12 @@ def main() -> None:
         with asyncio.Runner(
             loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
         ) as runner:
-            runner.run(_serve(options))
+            runner.run(serve(options, lambda text: print(text, flush=True)))
     except PliantError as error:
         print(f"pliant.emulator: {error}", file=sys.stderr)
         sys.exit(2)
-
-
-async def _serve(options: Options) -> None:
-    await Emulator(options).run(lambda text: print(text, flush=True))
+    except KeyboardInterrupt:  # before it was ready
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ A frame's header `X-Robot-Time` is the controller's time stamp [s] of what it sh
 """
 
 import json
+import multiprocessing
 import os
 import signal
 import threading
@@ -16,6 +17,8 @@ from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
+from types import TracebackType
+from typing import Self
 
 import cv2
 import mujoco
@@ -32,6 +35,7 @@ from pliant.task import load_task
 TIME_HEADER = "X-Robot-Time"
 _TYPES = {"jpg": "image/jpeg", "png": "image/png"}
 _JPEG_QUALITY = 95
+_START_S = 60.0
 _BOUNDARY = "frame"
 _UNAVAILABLE, _NOT_FOUND = 503, 404
 
@@ -55,7 +59,7 @@ class Artist:
         """One frame of `camera`, as jpg or png."""
         cameras = self._for(state.peg)
         apply(self._model, state.setup)
-        self._data.qpos[:] = state.qpos
+        self._data.qpos[: len(state.qpos)] = state.qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         image = cv2.cvtColor(cameras.image(camera, self._data), cv2.COLOR_RGB2BGR)
@@ -162,7 +166,46 @@ class _Handler(BaseHTTPRequestHandler):
             return  # the client has left
 
 
-def serve(host: str, port: int, block_name: str, ready: Connection) -> None:
+class CameraProcess:
+    """The camera server as a process that ends with this context, or with this process."""
+
+    def __init__(self, host: str, port: int, block_name: str) -> None:
+        context = multiprocessing.get_context("spawn")  # OpenGL does not outlive a fork
+        self._ready, theirs = context.Pipe(duplex=False)
+        self._process = context.Process(
+            target=_serve, args=(host, port, block_name, theirs), daemon=True
+        )
+        self._process.start()
+        theirs.close()
+
+    def wait(self) -> None:
+        """Until it has drawn its first frame.
+
+        Raises:
+            InputError: it cannot serve.
+        """
+        try:
+            problem = self._ready.recv() if self._ready.poll(_START_S) else "it takes too long"
+        except EOFError:
+            problem = "it ended"
+        if problem:
+            raise InputError(f"the camera does not start: {problem}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._process.terminate()
+        self._process.join()
+        self._ready.close()
+
+
+def _serve(host: str, port: int, block_name: str, ready: Connection) -> None:
     """Run the camera server until the parent process ends it or dies.
 
     `ready` gets an empty text once the first frame has been drawn, or what went wrong.
@@ -174,8 +217,7 @@ def serve(host: str, port: int, block_name: str, ready: Connection) -> None:
         server = _Server((host, port), block)
         server.frame(CAMERAS[0], "jpg")
     except (OSError, InputError) as error:
-        text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        ready.send(f"the camera cannot serve on {host}:{port}: {text}")
+        ready.send(f"{error} (on {host}:{port})")
         return
     ready.send("")
     server.serve_forever()

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import gc
 import ipaddress
-import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Coroutine, Iterator
@@ -14,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from pliant.emulator import admin, camera, faults, frames
+from pliant.emulator import admin, faults, frames
 from pliant.emulator.block import Block, CameraFault
+from pliant.emulator.camera import CameraProcess
 from pliant.emulator.controller import FREQUENCY, Controller, SafetyLimits, note
 from pliant.emulator.motion import ToolLine, Travel
 from pliant.emulator.pace import MOST_SPEED, Pace, Pacing
-from pliant.emulator.plant import Plant
+from pliant.emulator.plant import Plant, nominal_payload
 from pliant.emulator.ports import GREETING, Dashboard, Lines, Scripts
 from pliant.emulator.rtde import Rtde
 from pliant.errors import InputError
@@ -28,9 +28,9 @@ from pliant.task import Setup, Task, condition, load_task
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT, GRIPPER_PORT = 30004, 30003, 29999, 63352  # the clients'
 ADMIN_PORT, CAMERA_PORT = 30100, 30101
+_PARENT = os.getppid()  # as it began: it may be gone before the ports are open
 _PARENT_CHECK_S = 0.2
 _GUIDED_ACCELERATION = 0.5  # [m/s2]
-_CAMERA_START_S = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,21 +103,35 @@ class Options:
             ) from error
 
 
+async def serve(options: Options, say: Callable[[str], None]) -> None:
+    """Serve an emulated cell until it is stopped; `say` gets a line when it is ready.
+
+    Raises:
+        InputError: an option cannot be used, a port is taken, or there is no OpenGL.
+    """
+    options.check()
+    schedule = faults.load(options.faults) if options.faults is not None else []
+    task, setup = load_task(options.peg), condition(options.condition).draw(options.seed)
+    with contextlib.closing(Block()) as block:
+        block.set_up(options.peg, setup)
+        with CameraProcess(options.host, options.camera_port, block.name) as camera:
+            emulated = Emulator(options, Plant(task, setup), block, schedule)  # side by side
+            await emulated.run(camera, say)
+
+
 class Emulator:
     """One emulated cell. `run` serves it until it is stopped."""
 
-    def __init__(self, options: Options) -> None:
-        """
-        Raises:
-            InputError: an option cannot be used.
-        """
-        options.check()
-        self._options = options
-        self._schedule = faults.load(options.faults) if options.faults is not None else []
-        self._pending = list(self._schedule)
-        task = load_task(options.peg)
-        setup = condition(options.condition).draw(options.seed)
-        self.plant = Plant(task, setup)
+    def __init__(
+        self,
+        options: Options,
+        plant: Plant,
+        block: Block,
+        schedule: list[tuple[float, faults.Fault]],
+    ) -> None:
+        """`schedule`: when in each trial [s] which fault comes, in order."""
+        self._options, self.plant, self._block = options, plant, block
+        self._schedule, self._pending = schedule, list(schedule)
         limits = SafetyLimits(force=options.force_limit, box=options.box)
         self.controller = Controller(self.plant, limits, options.force_noise)
         self.pace = Pace(self.controller, self._publish)
@@ -127,6 +141,7 @@ class Emulator:
         self._dashboard = Dashboard(self.controller)
         self._stopping = asyncio.Event()
         self._peg = options.peg
+        block.write(self.controller.time_s, plant.qpos)
 
     # --- the experiment's side -------------------------------------------------------------------
 
@@ -197,7 +212,8 @@ class Emulator:
 
     def describe(self) -> dict[str, Any]:
         """What a client's configuration needs, in the base frame."""
-        host, wrist = self._options.host, self.plant.task.wrist
+        host, task = self._options.host, self.plant.task
+        payload = nominal_payload(task)
         return {
             "host": host,
             "camera_url": f"http://{host}:{self._options.camera_port}",
@@ -206,10 +222,10 @@ class Emulator:
             "base_in_task_m": list(c.BASE_POSITION),  # the axes are parallel
             "hinge_on_flange": list(frames.pose(self.plant.hinge_on_flange)),
             "home_q": self.plant.home.tolist(),
-            "wrist_stiffness_z": wrist.stiffness_z,
+            "wrist_stiffness_z": task.wrist.stiffness_z,
             "payload": {
-                "mass_kg": c.GRIPPER_MASS + c.PEG_MASS,
-                "centre_on_flange_m": list(self.plant.tool_centre_of_mass()),
+                "mass_kg": payload.mass,
+                "centre_on_flange_m": list(payload.centre),
             },
             "mode": self.pace.pacing,
             "speed": self.pace.speed,
@@ -247,7 +263,7 @@ class Emulator:
         while self._pending and self._pending[0][0] <= self.controller.trial_s:
             self.suffer(self._pending.pop(0)[1])
 
-    async def run(self, say: Callable[[str], None]) -> None:
+    async def run(self, camera: CameraProcess, say: Callable[[str], None]) -> None:
         """Serve until it is told to stop; `say` gets a line when all ports are open.
 
         Raises:
@@ -256,23 +272,17 @@ class Emulator:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self.stop)
-        with contextlib.ExitStack() as stack:
-            self._block = Block()
-            stack.callback(self._block.close)
-            self._block.set_up(self._peg, self.plant.setup)
-            self._block.write(self.controller.time_s, self.plant.qpos)
-            for server in await self._open():
-                stack.callback(server.close)
-            await asyncio.to_thread(stack.enter_context, self._camera())
-            gc.freeze()  # models and libraries: nothing that the collector need visit again
-            tasks = [asyncio.create_task(job) for job in self._jobs()]
-            say(self._greeting())
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in tasks:
-                task.cancel()
-            for result in await asyncio.gather(*tasks, return_exceptions=True):
-                if isinstance(result, Exception):
-                    raise result
+        await self._open()
+        await asyncio.to_thread(camera.wait)
+        gc.freeze()  # models and libraries: nothing that the collector need visit again
+        tasks = [asyncio.create_task(job) for job in self._jobs()]
+        say(self._greeting())
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in tasks:
+            task.cancel()
+        for result in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(result, Exception):
+                raise result
 
     def _jobs(self) -> Iterator[Coroutine[Any, Any, object]]:
         yield self.pace.run()
@@ -280,7 +290,7 @@ class Emulator:
         if self._options.with_parent:
             yield _until_orphaned()
 
-    async def _open(self) -> list[asyncio.Server]:
+    async def _open(self) -> None:
         controller, host = self.controller, self._options.host
         loop = asyncio.get_running_loop()
         factories: list[tuple[int, Callable[[], asyncio.BaseProtocol]]] = [
@@ -290,38 +300,14 @@ class Emulator:
             (GRIPPER_PORT, lambda: Lines(controller.gripper.answer)),
             (self._options.admin_port, lambda: admin.protocol(self)),
         ]
-        servers = []
         for port, factory in factories:
             try:
-                servers.append(await loop.create_server(factory, host, port))
+                await loop.create_server(factory, host, port)
             except OSError as error:
                 raise InputError(
                     f"port {port} on {host} cannot be opened ({os.strerror(error.errno or 0)}):"
                     " end the program that has it, or give another --host, as 127.0.0.2"
                 ) from error
-        return servers
-
-    @contextlib.contextmanager
-    def _camera(self) -> Iterator[None]:
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe(duplex=False)
-        where = self._options.host, self._options.camera_port
-        process = context.Process(
-            target=camera.serve, args=(*where, self._block.name, theirs), daemon=True
-        )
-        process.start()
-        theirs.close()
-        try:
-            try:
-                problem = ours.recv() if ours.poll(_CAMERA_START_S) else "the camera did not start"
-            except EOFError:
-                problem = "the camera did not start"
-            if problem:
-                raise InputError(problem)
-            yield
-        finally:
-            process.terminate()
-            process.join()
 
     def _greeting(self) -> str:
         options, pace = self._options, self.pace
@@ -334,6 +320,5 @@ class Emulator:
 
 
 async def _until_orphaned() -> None:
-    parent = os.getppid()
-    while os.getppid() == parent:
+    while os.getppid() == _PARENT:
         await asyncio.sleep(_PARENT_CHECK_S)

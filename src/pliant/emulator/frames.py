@@ -39,7 +39,7 @@ def inverse(t: Array) -> Array:  # (4, 4)
 
 
 def cross(a: Array, b: Array) -> Array:  # (3,)
-    """The vector product; NumPy's own takes thirty times as long for one pair."""
+    """The vector product; NumPy's own takes many times as long for one pair."""
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

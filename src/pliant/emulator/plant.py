@@ -11,6 +11,7 @@ import numpy as np
 
 from pliant.cell import Truth
 from pliant.emulator.frames import Array, cross, inverse, placed
+from pliant.emulator.sensor import GRAVITY, Payload
 from pliant.errors import RobotFault
 from pliant.sim import constants as c
 from pliant.sim import model as m
@@ -21,6 +22,15 @@ from pliant.task import Setup, Task
 TICK = c.TIMESTEP  # [s] of the controller: one physics step
 _FLANGE_SITE = "attachment_site"
 _TICKS_PER_FRAME = 20  # of the stored trajectory: 25 Hz
+
+
+def nominal_payload(task: Task) -> Payload:
+    """What a client sets: gripper and peg, straight, the wrist stretched by their weight."""
+    mass = c.GRIPPER_MASS + c.PEG_MASS
+    peg = task.tip_below_hinge - task.peg.length / 2
+    below = (c.GRIPPER_MASS * c.GRIPPER_COM_BELOW_HINGE + c.PEG_MASS * peg) / mass
+    stretch = mass * GRAVITY / task.wrist.stiffness_z
+    return Payload(mass=mass, centre=(0.0, 0.0, c.WRIST_BELOW_FLANGE + below + stretch))
 
 
 class Plant:
@@ -98,12 +108,6 @@ class Plant:
         site = mujoco.mjtObj.mjOBJ_SITE
         mujoco.mj_objectVelocity(self._model, self._data, site, self._flange, result, 0)
         return result[3:], result[:3]
-
-    def tool_centre_of_mass(self) -> tuple[float, float, float]:
-        """Of gripper and peg on the flange [m], as the wrist hangs now."""
-        offset = self._data.subtree_com[self._wrist] - self._base_position - self.flange[:3, 3]
-        x, y, z = (self.flange[:3, :3].T @ offset).tolist()
-        return x, y, z
 
     # --- kinematics ------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.emulator.frames import Array, cross
 
-_GRAVITY = 9.81  # [m/s2], as in the simulated cell
+GRAVITY = 9.81  # [m/s2], as in the simulated cell
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class ForceSensor:
         return np.concatenate([force, torque - cross(point, force)])
 
     def _weight(self, facing: Array) -> Array:
-        force = np.array([0.0, 0.0, -_GRAVITY * self.payload.mass])
+        force = np.array([0.0, 0.0, -GRAVITY * self.payload.mass])
         return np.concatenate([force, cross(facing @ np.array(self.payload.centre), force)])
 
 
