@@ -169,7 +169,7 @@ def asked_gripper(line: str) -> str:
 def test_a_stalled_controller_stays_connected_and_shows_only_in_its_time_stamp(
     arm: SimpleNamespace, emulator: Admin
 ) -> None:
-    emulator.fault("stall", seconds=3.0)
+    emulator.fault("stall", seconds=2.0)  # after 2.5 s ur_rtde hangs up
     time.sleep(0.3)
     at = arm.receive.getTimestamp()
     time.sleep(0.3)

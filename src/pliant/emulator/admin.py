@@ -174,7 +174,7 @@ async def perform(emulator: "Emulator", request: Request) -> dict[str, Any]:
             return emulator.state()
         case SetUp():
             setup = request.setup()
-            emulator.set_up(request.peg, setup)
+            await emulator.set_up(request.peg, setup)
             return {"setup": asdict(setup), "time_s": emulator.controller.time_s}
         case Truth():
             return {"truth": asdict(emulator.plant.truth())}

@@ -145,13 +145,14 @@ class Emulator:
 
     # --- the experiment's side -------------------------------------------------------------------
 
-    def set_up(self, peg: str | None, setup: Setup) -> None:
+    async def set_up(self, peg: str | None, setup: Setup) -> None:
         """Begin a trial: everything that it changes, at once.
 
         Raises:
             InputError: the peg is unknown.
         """
         task: Task = self.plant.task if peg is None else load_task(peg)
+        await asyncio.to_thread(self.plant.load, task)  # clients hang up on a long silence
         self._peg = peg or self._peg
         self.plant.prepare(task, setup)
         self.controller.begin_trial()

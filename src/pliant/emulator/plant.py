@@ -40,10 +40,17 @@ class Plant:
         self._cells: dict[Task, SimCell] = {}
         self.prepare(task, setup)
 
+    def load(self, task: Task) -> None:
+        """Have a task's model ready, which takes a second; any thread may do so."""
+        if task not in self._cells:
+            cell = SimCell()
+            cell.prepare(task, Setup(seed=0))
+            self._cells[task] = cell
+
     def prepare(self, task: Task, setup: Setup) -> None:
-        """Set hole, friction and grasp, and hang the arm at home, at rest, all at once. The first
-        time for a task takes about a second."""
-        cell = self._cells.setdefault(task, SimCell())
+        """Set hole, friction and grasp, and hang the arm at home, at rest, all at once."""
+        self.load(task)
+        cell = self._cells[task]
         robot = cell.prepare(task, setup)
         self.task, self.setup, self._cell, self._robot = task, setup, cell, robot
         self._model, self._data, self._arm = robot.model, robot.data, robot.arm
