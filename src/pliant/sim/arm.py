@@ -14,7 +14,7 @@ _WAYPOINT_LENGTH = 0.005  # [m]; between waypoints joints move linearly, off the
 _WAYPOINT_ANGLE = math.radians(1.0)
 _TOLERANCE = 1e-7  # [m, rad]
 _ITERATIONS = 50
-_DAMPING = 1e-6
+_DAMPING = 1e-6 * np.eye(6)
 HOME_GUESS = (3.14, -1.6, 1.6, -1.57, -1.57, -1.57)  # elbow up, fingers closing along y
 
 
@@ -62,7 +62,8 @@ class Arm:
                 return q
             mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._site)
             j = jacobian[:, self.dofs]
-            q += np.clip(j.T @ np.linalg.solve(j @ j.T + _DAMPING * np.eye(6), error), -0.3, 0.3)
+            step = j.T @ np.linalg.solve(j @ j.T + _DAMPING, error)
+            q += np.minimum(np.maximum(step, -0.3), 0.3)  # as np.clip, in a third of its time
         raise RobotFault("unreachable", f"the arm cannot reach {np.round(position, 3)} m")
 
     def line(self, start: Pose, end: Pose, q: NDArray[np.float64]) -> NDArray[np.float64]:

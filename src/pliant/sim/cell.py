@@ -69,9 +69,9 @@ class SimCell:
         robot, task = self._prepared()
         data, model = robot.data, robot.model
         mujoco.mj_kinematics(model, data)
-        tip = data.site(m.TIP_SITE).xpos.copy()
-        rotation = data.body(m.PEG).xmat.reshape(3, 3)
-        hole = model.body(m.BOARD).pos
+        tip = data.site_xpos[robot.tip_site].copy()
+        rotation = data.xmat[robot.peg_body].reshape(3, 3)
+        hole = model.body_pos[robot.board_body]
         depth = float(hole[2] - tip[2])
         inside = contains(hole_outline(task.peg, task.hole), (tip - hole)[:2])
         low = tip + rotation @ self._low_corner(task, rotation)
@@ -134,6 +134,8 @@ class SimRobot:
         self.frames: list[tuple[float, NDArray[np.float64]]] = []
         self._slide = int(self.model.joint("wrist_z").qposadr[0])
         self._site = self.model.site(m.HINGE_SITE).id
+        self.tip_site = self.model.site(m.TIP_SITE).id
+        self.peg_body, self.board_body = self.model.body(m.PEG).id, self.model.body(m.BOARD).id
         self._free_hang = 0.0
         self._sag = np.zeros(len(self.arm.qpos))  # [rad] set points less joint angles, at rest
         self._controls = 0
