@@ -11,8 +11,8 @@ import pytest
 from view_folders import HOSTILE, Page, ran, told
 
 from pliant.errors import InputError
-from pliant.records import Trial
-from pliant.report import overlay, strip, video
+from pliant.records import End, Trial
+from pliant.report import overlay, strip, video, words
 from pliant.report.canvas import FAILURE, SUCCESS
 from pliant.report.html import plain
 from pliant.report.trial import write
@@ -115,6 +115,11 @@ def test_a_trial_that_failed_before_its_first_execution_has_a_page(
     write(tmp_path, fault, shipped(), video=False)
     assert "fault:lost: no answer" in page_of(tmp_path).words
     assert load_trial(tmp_path).end_reason == "fault:lost"
+
+
+@pytest.mark.parametrize("end", End)
+def test_every_end_of_a_trial_has_words(trial: Trial, end: End) -> None:
+    assert words.end(replace(trial, end_reason=end)) != end
 
 
 # --- pictures ----------------------------------------------------------------------------------

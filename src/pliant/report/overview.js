@@ -44,12 +44,13 @@ function tests() {
   if (wanted.seed) made.push(seedTest(wanted.seed));
   if (wanted.drawn in quantities) {
     const values = columns[wanted.drawn], least = Number(wanted.least), most = Number(wanted.most);
+    const highest = values.reduce((a, b) => Math.max(a, b), -Infinity); // is in the last bin
     const constant = new Map(); // cells that do not draw it
     for (const n of all) {
       const seen = constant.get(columns.cell[n]);
       constant.set(columns.cell[n], seen === undefined || seen === values[n] ? values[n] : NaN);
     }
-    made.push((n) => values[n] >= least && values[n] <= most && Number.isNaN(constant.get(columns.cell[n])));
+    made.push((n) => values[n] >= least && (values[n] < most || (values[n] === most && most === highest)) && Number.isNaN(constant.get(columns.cell[n])));
   }
   if (wanted.against) made.push(insertedBy(wanted.against));
   return made;

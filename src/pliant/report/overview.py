@@ -114,7 +114,7 @@ def _panel(trials: Sequence[Row], reasoner: str, column: str) -> Html:
         if len({value for value, _ in points}) > 1
         for point in points
     ]
-    if not drawn:
+    if len({value for value, _ in drawn}) < 2:
         return Html("")
     edges = _edges([value for value, _ in drawn])
     bins = []
@@ -122,8 +122,7 @@ def _panel(trials: Sequence[Row], reasoner: str, column: str) -> Html:
         begin, end, last = edges[n], edges[n + 1], n == len(edges) - 2
         held = [ok for value, ok in drawn if begin <= value < end or (last and value == end)]
         found = rated(held)
-        between = f"{begin:g} to {end:g}"
-        described = f"{between}: {tables.rate(found)} % of {found['n']} inserted"
+        share = f"{tables.rate(found)} % of {found['n']} inserted" if found["n"] else "no trial"
         bins.append(
             Bin(
                 begin=begin,
@@ -132,7 +131,7 @@ def _panel(trials: Sequence[Row], reasoner: str, column: str) -> Html:
                 link=tables.address(
                     reasoner=reasoner, drawn=column, least=f"{begin:g}", most=f"{end:g}"
                 ),
-                described=described,
+                described=f"{begin:g} to {end:g}: {share}",
             )
         )
     failures = [value for value, ok in drawn if ok is False]

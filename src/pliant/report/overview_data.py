@@ -35,8 +35,8 @@ def quantities() -> dict[str, Axis | None]:
 
 
 def in_report(axis: Axis | None, value: float) -> float:
-    """A drawn value in the unit in which it is shown."""
-    return value if axis is None else axis.to_report(value)
+    """A drawn value in the unit in which it is shown, as exactly as the list of trials holds it."""
+    return round(value if axis is None else axis.to_report(value), 3) + 0.0
 
 
 def heading(column: str) -> str:
@@ -59,18 +59,18 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
         "seed": [t["seed"] for t in trials],
         "judged": [int(t["judged"]) for t in trials],
         "inserted": [_truth(t) for t in trials],
-        "depth": [_rounded(t["depth_m"], 1e3, 1) for t in trials],
+        "depth": [_rounded(t["depth_m"], 1, 1e3) for t in trials],
         "end": [ends.index(t["end_reason"]) for t in trials],
         "kind": [_place(kinds, t["failure_kind"]) for t in trials],
         "executions": [t["executions"] for t in trials],
         **{
-            name: [_rounded(in_report(axis, t[name]), 1.0, 3) for t in trials]
+            name: [_rounded(in_report(axis, t[name])) for t in trials]
             for name, axis in quantities().items()
         },
     }
     if any(t.get("decisions") for t in trials):
         for name, digits in _ASKED.items():
-            columns[name] = [_rounded(t[name], 1.0, digits) for t in trials]
+            columns[name] = [_rounded(t[name], digits) for t in trials]
     return {
         "cells": [
             {
@@ -129,8 +129,8 @@ def _condition(condition: str, cell: Mapping[str, Any] | None) -> list[str]:
     options = ["--condition", "none"]
     for field, (quantity, axis) in QUANTITIES.items():
         if quantity in ranges:
-            values = [f"{in_report(axis, value):.12g}" for value in ranges[quantity]]
-            options += [f"--{field.replace('_', '-')}", *values]
+            given = [v if axis is None else axis.to_report(v) for v in ranges[quantity]]
+            options += [f"--{field.replace('_', '-')}", *(f"{v:.12g}" for v in given)]
     return options
 
 
@@ -153,7 +153,8 @@ def _place(names: Sequence[str], name: str | None) -> int:
     return -1 if name is None else names.index(name)
 
 
-def _rounded(value: float | None, factor: float, digits: int) -> float | None:
+def _rounded(value: float | None, digits: int = 3, factor: float = 1.0) -> float | None:
+    """Short in JSON: a whole number without its point."""
     if value is None:
         return None
     rounded = round(value * factor, digits)

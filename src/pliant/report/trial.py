@@ -102,7 +102,8 @@ def is_shown(folder: Path, home: str | None = None) -> bool:
     try:
         with (folder / PAGE).open(encoding="utf-8") as file:
             found = stamp_of(file.read(_HEAD))
-        return found == _stamp(folder, has_goals=True, home=home)
+        has_library = (folder / _shared(folder) / LIBRARY[0]).is_file()
+        return has_library and found == _stamp(folder, has_goals=True, home=home)
     except (OSError, UnicodeDecodeError):
         return False
 
