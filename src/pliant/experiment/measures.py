@@ -131,7 +131,7 @@ def false_alignments(executions: Sequence[Row]) -> dict[str, int]:
 def model_share(trials: Sequence[Row]) -> dict[str, Any] | None:
     """What was a model's own: its share of the decisions [%], and the success of the model alone,
     which stops where the rules would step in. None: no model was asked."""
-    decisions = sum(t.get("decisions", 0) for t in trials)  # a column that older runs lack
+    decisions = sum(t["decisions"] for t in trials)
     if not decisions:
         return None
     others = {name: sum(t[name] for t in trials) for name in ("clamped", "fallbacks")}
