@@ -1,0 +1,304 @@
+"""The side camera: a RealSense (live or recorded), any OpenCV source, or pictures over HTTP.
+
+Each gives a picture that was taken after a moment the caller names, never one that lay in a buffer.
+A source that has none in time is a fault of the kind "camera".
+"""
+
+import contextlib
+import http.client
+import threading
+import time
+import urllib.error
+import urllib.request
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.cell import View
+from pliant.errors import InputError, RobotFault
+from pliant.ur5e import configuration as c
+
+Picture = NDArray[np.uint8]  # (height, width, 3), RGB
+TIME_HEADER = "X-Robot-Time"  # of a picture over HTTP: the controller's time stamp [s]
+_RETRY_S = 0.02
+_STAMP_S = 1e-5  # [s] of rounding in that header
+_ENDING_S = 2.0
+
+
+class Camera(Protocol):
+    """Where pictures come from."""
+
+    def view(self, stamp_s: float, origin_s: float) -> View:
+        """A picture taken after now, when the controller's time stamp is `stamp_s`. The view's time
+        counts from `origin_s`.
+
+        Raises:
+            RobotFault: "camera": there is none in time, or it is not what was configured.
+        """
+        ...
+
+    def close(self) -> None: ...
+
+
+def open_camera(settings: c.Camera, patience_s: float) -> Camera:
+    """The configured camera, delivering.
+
+    Raises:
+        InputError: the RealSense library is missing, or the file is.
+        RobotFault: "camera": it cannot be opened, or sends nothing.
+    """
+    match settings.source:
+        case c.Source.HTTP:
+            return Http(settings, patience_s)
+        case c.Source.OPENCV:
+            return Stream(settings, patience_s, _opencv(settings, patience_s))
+        case c.Source.REALSENSE | c.Source.FILE:
+            return Stream(settings, patience_s, _realsense(settings, patience_s))
+
+
+def _view(settings: c.Camera, picture: Picture, time_s: float) -> View:
+    height, width = picture.shape[:2]
+    if (width, height) != (settings.width, settings.height):
+        raise RobotFault(
+            "camera",
+            f"the camera sends {width} x {height} pixels, not the {settings.width} x"
+            f" {settings.height} that it was calibrated for",
+        )
+    return View(camera=settings.calibration, time_s=time_s, image=picture)
+
+
+# --- single pictures over HTTP -------------------------------------------------------------------
+
+
+class Http:
+    """A picture per request. A server that stamps its pictures is held to it; of another one a
+    picture counts as taken when it was asked for."""
+
+    def __init__(self, settings: c.Camera, patience_s: float) -> None:
+        self._settings, self._patience_s = settings, patience_s
+        if not settings.where.startswith(("http://", "https://")):
+            raise InputError(f"camera.where is '{settings.where}': source http needs a URL")
+
+    def view(self, stamp_s: float, origin_s: float) -> View:
+        give_up = time.monotonic() + self._patience_s
+        while True:
+            data, taken_s = self._fetch(give_up)
+            if taken_s is None or taken_s >= stamp_s - _STAMP_S:
+                break
+            if time.monotonic() + _RETRY_S > give_up:
+                raise RobotFault(
+                    "camera", f"the camera's picture is {stamp_s - taken_s:.2f} s old: it is frozen"
+                )
+            time.sleep(_RETRY_S)
+        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        if bgr is None:
+            raise RobotFault("camera", f"{self._settings.where} does not send pictures")
+        time_s = (stamp_s if taken_s is None else taken_s) - origin_s
+        return _view(self._settings, _rgb(bgr), time_s)
+
+    def close(self) -> None:
+        """Nothing stays open."""
+
+    def _fetch(self, give_up: float) -> tuple[bytes, float | None]:
+        left_s = max(0.05, give_up - time.monotonic())
+        try:
+            with urllib.request.urlopen(self._settings.where, timeout=left_s) as answer:
+                stamp = answer.headers.get(TIME_HEADER)
+                return answer.read(), None if stamp is None else float(stamp)
+        except (OSError, ValueError, http.client.HTTPException) as error:
+            raise RobotFault(
+                "camera", f"no picture from {self._settings.where}: {error}"
+            ) from error
+
+
+# --- sources that send by themselves -------------------------------------------------------------
+
+
+class Source(ABC):
+    """Frames one after another. Used by one thread."""
+
+    @abstractmethod
+    def read(self) -> Picture:
+        """The next frame; waits for it.
+
+        Raises:
+            RobotFault: "camera": there is none.
+        """
+
+    @abstractmethod
+    def close(self) -> None: ...
+
+
+class Stream:
+    """Reads a source all the time, so that nothing old waits in a buffer, and hands out frames that
+    arrived later than the moment asked for by the camera's latency."""
+
+    def __init__(self, settings: c.Camera, patience_s: float, opener: Callable[[], Source]) -> None:
+        self._settings, self._patience_s = settings, patience_s
+        self._fresh = threading.Condition()
+        self._latest: tuple[float, Picture] | None = None  # (arrived, frame)
+        self._problem: Exception | None = None
+        self._is_closing = False
+        self._thread = threading.Thread(target=self._run, args=(opener,), daemon=True)
+        self._thread.start()
+        self._after(0.0, max(patience_s, 10.0))
+
+    def view(self, stamp_s: float, origin_s: float) -> View:
+        taken = time.monotonic() + self._settings.latency_ms * 1e-3
+        return _view(self._settings, self._after(taken, self._patience_s), stamp_s - origin_s)
+
+    def close(self) -> None:
+        self._is_closing = True
+        self._thread.join(_ENDING_S)
+
+    def _after(self, moment: float, patience_s: float) -> Picture:
+        with self._fresh:
+            self._fresh.wait_for(
+                lambda: self._problem or (self._latest and self._latest[0] >= moment), patience_s
+            )
+            if self._problem is not None:
+                raise self._problem
+            if self._latest is None or self._latest[0] < moment:
+                raise RobotFault("camera", f"the camera sent no new picture in {patience_s:.1f} s")
+            return self._latest[1]
+
+    def _run(self, opener: Callable[[], Source]) -> None:
+        try:
+            source = opener()
+        except (RobotFault, InputError) as error:
+            self._tell(error)
+            return
+        try:
+            while not self._is_closing:
+                frame = source.read()
+                with self._fresh:
+                    self._latest = (time.monotonic(), frame)
+                    self._fresh.notify_all()
+        except RobotFault as fault:
+            self._tell(fault)
+        finally:
+            source.close()
+
+    def _tell(self, problem: Exception) -> None:
+        with self._fresh:
+            self._problem = problem
+            self._fresh.notify_all()
+
+
+def _opencv(settings: c.Camera, patience_s: float) -> Callable[[], Source]:
+    return lambda: _OpenCv(settings, patience_s)
+
+
+class _OpenCv(Source):
+    """A device by number, or whatever else `cv2.VideoCapture` opens."""
+
+    def __init__(self, settings: c.Camera, patience_s: float) -> None:
+        where, wait_ms = settings.where, int(patience_s * 1e3)
+        self._where = where
+        if where.isdigit():
+            self._capture = cv2.VideoCapture(int(where))
+        else:  # a stream that goes silent would otherwise hold the thread for half a minute
+            waits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, wait_ms]
+            waits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, wait_ms]
+            self._capture = cv2.VideoCapture(where, cv2.CAP_FFMPEG, waits)
+        if not self._capture.isOpened():
+            raise RobotFault("camera", f"OpenCV cannot open the camera '{where}'")
+        if where.isdigit():
+            self._configure(settings)
+
+    def _configure(self, settings: c.Camera) -> None:
+        wanted: dict[int, float] = {
+            cv2.CAP_PROP_FRAME_WIDTH: settings.width,
+            cv2.CAP_PROP_FRAME_HEIGHT: settings.height,
+            cv2.CAP_PROP_FPS: settings.fps,
+            cv2.CAP_PROP_BUFFERSIZE: 1,
+        }
+        if settings.exposure_us is not None:
+            wanted[cv2.CAP_PROP_AUTO_EXPOSURE] = 1  # V4L2: manual
+            wanted[cv2.CAP_PROP_EXPOSURE] = settings.exposure_us / 100  # V4L2 counts 0.1 ms
+        if settings.white_balance_k is not None:
+            wanted[cv2.CAP_PROP_AUTO_WB] = 0
+            wanted[cv2.CAP_PROP_WB_TEMPERATURE] = settings.white_balance_k
+        for key, value in wanted.items():
+            self._capture.set(key, value)
+
+    def read(self) -> Picture:
+        is_read, bgr = self._capture.read()
+        if not is_read:
+            raise RobotFault("camera", f"the camera '{self._where}' has stopped sending")
+        return _rgb(bgr)
+
+    def close(self) -> None:
+        self._capture.release()
+
+
+def _realsense(settings: c.Camera, patience_s: float) -> Callable[[], Source]:
+    """Raises InputError here, in the caller's thread, for what the user can mend."""
+    try:
+        import pyrealsense2 as rs
+    except ImportError as error:
+        raise InputError(
+            f"a RealSense camera needs the extra 'ur5e' ({error}): pip install 'pliant[ur5e]', and"
+            " on Debian the package libusb-1.0-0"
+        ) from error
+    if settings.source is c.Source.FILE and not Path(settings.where).is_file():
+        raise InputError(f"camera.where: there is no recording '{settings.where}'")
+    return lambda: _RealSense(rs, settings, patience_s)
+
+
+class _RealSense(Source):
+    """The vendor's pipeline; it plays a recorded file (.db3) just as it plays a camera."""
+
+    def __init__(self, rs: Any, settings: c.Camera, patience_s: float) -> None:
+        self._rs, self._wait_ms = rs, int(patience_s * 1e3)
+        config = rs.config()
+        if settings.source is c.Source.FILE:
+            # The formats are the file's: enabling a stream as well makes it refuse to play.
+            config.enable_device_from_file(settings.where, repeat_playback=True)
+        else:
+            if settings.where:
+                config.enable_device(settings.where)
+            config.enable_stream(
+                rs.stream.color, settings.width, settings.height, rs.format.rgb8, settings.fps
+            )
+        self._pipeline = rs.pipeline()
+        try:
+            profile = self._pipeline.start(config)
+        except RuntimeError as error:
+            raise RobotFault("camera", f"the RealSense camera does not start: {error}") from error
+        if settings.source is c.Source.REALSENSE:
+            with contextlib.suppress(RuntimeError):  # a model without these options
+                self._fix(profile.get_device().first_color_sensor(), settings)
+
+    def _fix(self, sensor: Any, settings: c.Camera) -> None:
+        option = self._rs.option
+        if settings.exposure_us is not None:
+            sensor.set_option(option.enable_auto_exposure, 0)
+            sensor.set_option(option.exposure, settings.exposure_us / 100)  # counts 0.1 ms
+        if settings.white_balance_k is not None:
+            sensor.set_option(option.enable_auto_white_balance, 0)
+            sensor.set_option(option.white_balance, settings.white_balance_k)
+
+    def read(self) -> Picture:
+        try:
+            frame = self._pipeline.wait_for_frames(self._wait_ms).get_color_frame()
+        except RuntimeError as error:
+            raise RobotFault("camera", f"the RealSense camera sends nothing: {error}") from error
+        if not frame:
+            raise RobotFault("camera", "the RealSense camera sends no colour frames")
+        picture = np.asanyarray(frame.get_data())
+        is_bgr = frame.get_profile().format() == self._rs.format.bgr8
+        return _rgb(picture) if is_bgr else picture.copy()
+
+    def close(self) -> None:
+        with contextlib.suppress(RuntimeError):
+            self._pipeline.stop()
+
+
+def _rgb(bgr: Any) -> Picture:
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)

@@ -1,0 +1,167 @@
+"""The real cell as experiments hold it (protocol `pliant.cell.Workcell`).
+
+On a real one an operator sets the scene and says afterwards how it went. On an emulated one the
+experiment does both through the admin port; the method's side is the same.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from pliant.cell import Truth
+from pliant.errors import InputError, RobotFault
+from pliant.pose import Pose
+from pliant.task import Setup, Task, load_task, shipped_pegs
+from pliant.ur5e import configuration as c
+from pliant.ur5e import messages as m
+from pliant.ur5e.camera import Camera, open_camera
+from pliant.ur5e.driver import Driver
+from pliant.ur5e.pace import AdminPort
+from pliant.ur5e.robot import UrRobot
+
+HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial; as in the simulated cell
+_HOME_SPEED = 0.05  # [m/s]
+_SETTLE_S = 1.5  # the tool swings after a motion
+
+
+class Operator(Protocol):
+    """The person at a real cell. Each call returns when the person has answered.
+
+    Raises:
+        RobotFault: "interrupted": the person wants to stop.
+    """
+
+    def place(self, task: Task, setup: Setup) -> None:
+        """The peg is to be gripped, and hole and peg to be where the setup says."""
+        ...
+
+    def may_move(self, what: str) -> bool:
+        """Whether the arm may now do what is described."""
+        ...
+
+    def truth(self) -> Truth:
+        """What the person sees; `inserted` None: not labelled yet."""
+        ...
+
+
+class UrCell:
+    """A workcell with a UR5e. It keeps the connection from trial to trial; after a fault the next
+    trial makes a new one, which fails as long as a person has not released the arm."""
+
+    def __init__(self, configuration: c.Configuration, operator: Operator | None = None) -> None:
+        """An emulated cell needs no operator.
+
+        Raises:
+            InputError: the cell is real and has no operator, or the emulator does not answer.
+        """
+        self.configuration = configuration
+        self._operator = operator
+        emulator, address = configuration.emulator, configuration.arm.address
+        self._admin = None if emulator is None else AdminPort(address, emulator.admin_port)
+        if self._admin is None and operator is None:
+            raise InputError(
+                "a real cell needs an operator; give the cell's file a section 'emulator' when it"
+                " is an emulated one"
+            )
+        self._driver: Driver | None = None
+        self._camera: Camera | None = None
+
+    def prepare(self, task: Task, setup: Setup) -> UrRobot:
+        """Have the scene set, the arm at home and at rest, compression tared.
+
+        Raises:
+            RobotFault: the cell cannot be used as it is.
+            InputError: the emulated cell cannot show this task, or an extra is missing.
+        """
+        if self._admin is not None:
+            self._set_up_emulator(self._admin, task, setup)
+        driver, camera = self._connected(), self._seeing()
+        if self._operator is not None and self._admin is None:
+            self._operator.place(task, setup)
+        driver.ask(m.SetUp(holds=self.configuration.gripper is not None))
+        robot = UrRobot(self.configuration, driver, camera, task)
+        if self._operator is not None and self._admin is None:
+            self._go_home(robot, self._operator)
+        robot.tare()
+        return robot
+
+    def truth(self) -> Truth:
+        """The emulator's ground truth, or the operator's label."""
+        if self._admin is not None:
+            try:
+                fields = self._admin.ask("truth")["truth"]
+            except OSError as error:
+                raise InputError(f"the emulator does not answer: {error}") from error
+            return Truth(**{**fields, "tip": tuple(fields["tip"])})
+        assert self._operator is not None
+        return self._operator.truth()
+
+    def close(self) -> None:
+        """Halt and disconnect."""
+        if self._driver is not None:
+            self._driver.close()
+        if self._camera is not None:
+            self._camera.close()
+        if self._admin is not None:
+            self._admin.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # --- inside ----------------------------------------------------------------------------------
+
+    def _connected(self) -> Driver:
+        if self._driver is None or not self._driver.is_usable:
+            if self._driver is not None:
+                self._driver.close()
+            self._driver = Driver(self.configuration)
+            self._driver.connect()
+        return self._driver
+
+    def _seeing(self) -> Camera:
+        if self._camera is None:
+            patience_s = self.configuration.patience.picture_ms * 1e-3
+            self._camera = open_camera(self.configuration.camera, patience_s)
+        return self._camera
+
+    def _go_home(self, robot: UrRobot, operator: Operator) -> None:
+        """Straight up, then across: only after the person has agreed."""
+        home = Pose(z=robot.task.tip_below_hinge + HOME_ABOVE_BOARD)
+        here = robot.observe(cameras=()).pose
+        lifted = replace(here, z=home.z)
+        if not operator.may_move("lift the peg straight up and go to the start above the hole"):
+            raise RobotFault("interrupted", "the operator did not let the arm go to its start")
+        limit = self.configuration.limits.compression_mm * 1e-3
+        for pose in (lifted, home):
+            robot.move_to(pose, speed_m_s=_HOME_SPEED, stop_at_compression_m=limit)
+        robot.settle(_SETTLE_S)
+
+    def _set_up_emulator(self, admin: AdminPort, task: Task, setup: Setup) -> None:
+        peg = task.peg.name
+        if peg not in shipped_pegs() or task != load_task(peg, task.level):
+            raise InputError(
+                f"the emulated cell has the shipped pegs only ({', '.join(shipped_pegs())}), not"
+                f" '{peg}'"
+            )
+        try:
+            admin.ask("setup", peg=peg, seed=setup.seed, **setup.quantities())
+        except OSError as error:
+            raise RobotFault("connection", f"the emulator does not answer: {error}") from error
+
+
+def open_cell(path: Path, operator: Operator | None = None) -> UrCell:
+    """The cell that a file describes.
+
+    Raises:
+        InputError: the file cannot be used, or as for `UrCell`.
+    """
+    return UrCell(c.load(path), operator)

@@ -1,0 +1,137 @@
+"""The trial's end of the driver: it asks, it waits no longer than it must, and it stops the arm by
+itself when the driver does not answer."""
+
+import multiprocessing
+import time
+
+from pliant.errors import InputError, RobotFault
+from pliant.ur5e import dashboard
+from pliant.ur5e import messages as m
+from pliant.ur5e.configuration import Configuration
+from pliant.ur5e.driver_process import serve
+
+_ENDING_S = 1.0
+
+
+class Driver:
+    """A driver's process. After a fault it is over: every later call raises the same fault."""
+
+    def __init__(self, configuration: Configuration) -> None:
+        self._address = configuration.arm.address
+        self._silence_s = configuration.patience.driver_ms * 1e-3
+        self._connect_s = configuration.patience.connect_ms * 1e-3
+        context = multiprocessing.get_context("spawn")  # ur_rtde's threads do not survive a fork
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs, configuration), daemon=True)
+        self._process.start()
+        theirs.close()
+        self.fault: RobotFault | None = None
+
+    @property
+    def is_usable(self) -> bool:
+        return self.fault is None and self._process.is_alive()
+
+    def connect(self) -> None:
+        """Reach the controller and the gripper.
+
+        Raises:
+            RobotFault: they cannot be used.
+            InputError: the extra is not installed, or there is no emulated cell.
+        """
+        self._ask(m.Connect(), self._connect_s)
+
+    def ask(self, request: m.Request) -> m.Measured | m.Moved | None:
+        """Have a request done.
+
+        Raises:
+            RobotFault: the arm or its driver cannot go on; or "interrupted", by Ctrl-C.
+        """
+        return self._ask(request, self._silence_s)
+
+    def halt(self) -> None:
+        """Brake, by the driver or, if it does not answer, without it. Raises nothing."""
+        if self.fault is not None:
+            return
+        try:
+            self.ask(m.Halt())
+        except RobotFault:
+            return  # kept, and whoever asks next is told
+
+    def close(self) -> None:
+        """Say goodbye and end the process."""
+        if self.is_usable:
+            try:
+                self._pipe.send(m.Close())
+            except OSError:
+                self.fault = RobotFault("driver", "the arm's driver has ended")
+        self._process.join(_ENDING_S)
+        self._end()
+
+    # --- inside ----------------------------------------------------------------------------------
+
+    def _ask(self, request: m.Request, silence_s: float) -> m.Measured | m.Moved | None:
+        if self.fault is not None:
+            raise self.fault
+        try:
+            self._hear_fault(0.0)
+            self._pipe.send(request)
+            return self._answer(silence_s)
+        except (EOFError, OSError) as error:
+            self._process.join(_ENDING_S)
+            raise self._lost(f"ended (exit status {self._process.exitcode})") from error
+        except KeyboardInterrupt as error:
+            raise self._interrupted() from error
+
+    def _answer(self, silence_s: float) -> m.Measured | m.Moved | None:
+        while True:
+            if not self._pipe.poll(silence_s):
+                raise self._lost(f"has given no sign of life for {silence_s:.1f} s")
+            match self._pipe.recv():
+                case m.Done(result=result):
+                    return result
+                case m.Failed(kind=kind, message=message):
+                    raise self._failed(kind, message)
+
+    def _hear_fault(self, wait_s: float) -> None:
+        """What the driver found while nobody asked it for anything."""
+        while self._pipe.poll(wait_s):
+            said = self._pipe.recv()
+            if isinstance(said, m.Failed):
+                raise self._failed(said.kind, said.message)
+
+    def _failed(self, kind: str, message: str) -> Exception:
+        if not kind:
+            self.fault = RobotFault("driver", message)
+            return InputError(message)
+        self.fault = RobotFault(kind, message)
+        return self.fault
+
+    def _lost(self, how: str) -> RobotFault:
+        """The driver crashed, or hangs in a call that ur_rtde does not return from."""
+        stopped = dashboard.stop(self._address)
+        self._end()
+        after = "the arm is halted" if stopped else "the controller does not confirm a halt"
+        self.fault = RobotFault("driver", f"the arm's driver {how}; {after}")
+        return self.fault
+
+    def _interrupted(self) -> RobotFault:
+        try:
+            self._pipe.send(m.Halt(why="Ctrl-C"))
+            give_up = time.monotonic() + self._silence_s
+            while time.monotonic() < give_up:
+                self._hear_fault(0.01)
+        except RobotFault:
+            pass  # as it should be
+        except (EOFError, OSError):
+            dashboard.stop(self._address)
+        else:
+            dashboard.stop(self._address)
+        self._end()
+        self.fault = RobotFault("interrupted", "interrupted by Ctrl-C; the arm is halted")
+        return self.fault
+
+    def _end(self) -> None:
+        if self._process.is_alive():
+            self._process.kill()  # SIGTERM would run destructors that hang
+            self._process.join(_ENDING_S)
+        self._pipe.close()

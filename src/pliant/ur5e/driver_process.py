@@ -1,0 +1,285 @@
+"""The process that owns the arm: it looks at it every 2 ms, and stops it when something is wrong.
+
+It does one request at a time and says that it is alive while it does. After any fault it halts the
+arm, says which fault it was, and ends without cleaning up: ur_rtde 1.6.5, once its connection was
+cut, uploads its program again and again until it crashes.
+"""
+
+import contextlib
+import math
+import os
+import signal
+import time
+from multiprocessing.connection import Connection
+
+import numpy as np
+
+from pliant.errors import InputError, RobotFault
+from pliant.pose import Axis, Pose, pose_from
+from pliant.ur5e import dashboard
+from pliant.ur5e import messages as m
+from pliant.ur5e.arm import Arm
+from pliant.ur5e.compression import Compression
+from pliant.ur5e.configuration import Configuration, Transform
+from pliant.ur5e.gripper import Gripper
+from pliant.ur5e.pace import LOOK_S
+
+_ALIVE_S = 0.05
+_IDLE_S = 0.005
+_TARE_S = 0.4
+_LATENCY_S = 0.015  # from the force to the first braking, measured; five times the protocol's share
+_SAMPLE_S = 0.05
+_REST_S = 0.5  # from the end of a motion, or from a stop, until the arm is still
+_NEAR_M, _NEAR_RAD = 0.002, math.radians(1.0)  # of a pose that counts as reached
+_SOFT = (
+    "gripper",
+    "interrupted",
+    "not_reached",
+    "safety_limits",
+    "envelope",
+)  # the arm still hears
+
+
+def serve(pipe: Connection, configuration: Configuration) -> None:
+    """Do requests until the other side says goodbye or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the trial, which halts the arm
+    driver = _Driver(pipe, configuration)
+    try:
+        driver.serve()
+    except RobotFault as fault:
+        driver.give_up(fault)
+        _say(pipe, m.Failed(kind=fault.kind, message=str(fault)))
+    except InputError as error:
+        _say(pipe, m.Failed(kind="", message=str(error)))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        driver.give_up(RobotFault("interrupted", "the trial's process is gone"))
+    os._exit(0)  # without ur_rtde's destructors
+
+
+def _say(pipe: Connection, message: object) -> None:
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+        pipe.send(message)
+
+
+class _Driver:
+    def __init__(self, pipe: Connection, configuration: Configuration) -> None:
+        self._pipe, self._configuration = pipe, configuration
+        self._base_of_task = configuration.task_frame.transform
+        self._task_of_base = np.linalg.inv(self._base_of_task)
+        self._compression = Compression(configuration)
+        self._arm: Arm | None = None
+        self._gripper: Gripper | None = None
+        self._said_s = 0.0
+
+    def serve(self) -> None:
+        while True:
+            while not self._pipe.poll(_IDLE_S):
+                self._watch()
+            request = self._pipe.recv()
+            self._said_s = time.monotonic()
+            if isinstance(request, m.Close):
+                if self._arm is not None:
+                    self._come_to_rest()
+                    self._arm.disconnect()
+                return
+            self._pipe.send(m.Done(result=self._do(request)))
+
+    def give_up(self, fault: RobotFault) -> None:
+        """Halt the arm, whatever it takes, and let its program end: nothing moves it any more."""
+        if self._arm is not None and fault.kind in _SOFT:
+            self._arm.stop()
+        dashboard.stop(self._configuration.arm.address)
+
+    # --- requests --------------------------------------------------------------------------------
+
+    def _do(self, request: m.Request) -> m.Measured | m.Moved | None:
+        match request:
+            case m.Connect():
+                self._connect()
+            case m.SetUp(holds=holds):
+                self._set_up(holds)
+            case m.Tare():
+                self._tare()
+            case m.Move():
+                return self._move(request)
+            case m.Wait(seconds=seconds):
+                self._wait(seconds)
+            case m.Measure():
+                return self._measured()
+            case m.Fingers(close=close):
+                self._fingers(close)
+            case m.Halt(why=why):
+                self._halt(why)
+        return None
+
+    def _connect(self) -> None:
+        configuration = self._configuration
+        self._arm = Arm(configuration)
+        if configuration.gripper is not None:
+            patience_s = configuration.patience.gripper_ms * 1e-3
+            self._gripper = Gripper(configuration.gripper, configuration.arm.address, patience_s)
+
+    def _set_up(self, holds: bool) -> None:
+        self._here.set_up()
+        if self._gripper is not None and holds:
+            self._gripper.hold()
+
+    def _tare(self) -> None:
+        self._come_to_rest()
+        self._here.zero_force()
+        readings = []
+        until = self._here.time_s() + _TARE_S
+        while self._here.time_s() < until:
+            self._look()
+            readings.append(self._compression.latest)
+        self._compression.tare(np.array(readings), _TARE_S / len(readings))
+
+    def _wait(self, seconds: float) -> None:
+        until = self._here.time_s() + seconds
+        while self._here.time_s() < until - LOOK_S / 2:
+            self._look()
+
+    def _fingers(self, close: bool) -> None:
+        if self._gripper is None:
+            return
+        if close:
+            self._gripper.close_on_peg()
+        else:
+            self._gripper.release()
+
+    def _halt(self, why: str) -> None:
+        if why:
+            raise RobotFault("interrupted", why)
+        self._come_to_rest()
+
+    # --- motion ----------------------------------------------------------------------------------
+
+    def _move(self, request: m.Move) -> m.Moved:
+        arm, settings, compression = self._here, self._configuration.arm, self._compression
+        speed, stop_m_s2 = request.speed_m_s, settings.stop_mm_s2 * 1e-3
+        target = self._base_of_task @ _transform(request.pose)
+        limit = request.stop_at_compression_m
+        limit -= compression.allowance(speed, stop_m_s2, _LATENCY_S)
+        samples = _Samples()
+        started = self._measured()
+        samples.take(started, compression.now)
+        peak = floor = compression.now
+        is_reached = True
+        arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
+        while arm.is_moving():
+            self._look()
+            peak, floor = max(peak, compression.now), min(floor, compression.now)
+            samples.take_if_due(self._now(), compression.now)
+            # Where the wrist is pressed past the limit already, a motion may only relieve it.
+            if is_reached and compression.now > max(limit, floor + compression.margin):
+                is_reached = False
+                arm.stop()
+        peak = max(peak, self._come_to_rest())
+        ended = self._measured()
+        samples.take(ended, compression.now)
+        if is_reached:
+            self._verify(target)
+        return m.Moved(
+            is_reached=is_reached,
+            peak_compression_m=peak,
+            started_s=started.time_s,
+            ended=ended,
+            times_s=np.array(samples.times_s),
+            poses=np.array(samples.poses),
+            compressions_m=np.array(samples.compressions_m),
+        )
+
+    def _come_to_rest(self) -> float:
+        """Brake what moves and wait until the arm is still; the highest compression meanwhile."""
+        arm, peak = self._here, self._compression.now
+        if arm.is_moving():
+            arm.stop()
+        give_up = arm.time_s() + _REST_S
+        while arm.is_moving() or not arm.is_still():
+            self._look()
+            peak = max(peak, self._compression.now)
+            if arm.time_s() > give_up:
+                raise RobotFault("not_reached", "the arm does not come to rest")
+        return peak
+
+    def _verify(self, target: Transform) -> None:
+        """A motion that was ended by something else also reads as finished."""
+        there = self._here.pose()
+        off = float(np.linalg.norm(there[:3, 3] - target[:3, 3]))
+        cosine = (float(np.trace(there[:3, :3].T @ target[:3, :3])) - 1.0) / 2.0
+        turn = math.acos(max(-1.0, min(1.0, cosine)))
+        if off > _NEAR_M or turn > _NEAR_RAD:
+            raise RobotFault(
+                "not_reached",
+                f"a motion ended {off * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal",
+            )
+
+    # --- looking ---------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """The next look at everything; whoever waits hears that there is somebody."""
+        self._here.look()
+        self._read()
+        now = time.monotonic()
+        if now - self._said_s > _ALIVE_S:
+            self._said_s = now
+            self._pipe.send(m.Alive())
+        if self._pipe.poll():
+            request = self._pipe.recv()
+            raise RobotFault("interrupted", getattr(request, "why", "") or "halted")
+
+    def _watch(self) -> None:
+        """Between requests: the same, at no particular time."""
+        if self._arm is not None:
+            self._arm.check()
+            self._arm.feed()
+            self._read()
+
+    def _read(self) -> None:
+        arm = self._here
+        self._compression.read(arm.time_s(), arm.force(), arm.pose()[:3, :3])
+        if self._gripper is not None:
+            self._gripper.poll()
+
+    def _now(self) -> m.Measured:
+        pose = self._task_of_base @ self._here.pose()
+        return m.Measured(
+            time_s=self._here.time_s(),
+            pose=pose_from(pose[:3, 3], pose[:3, :3]),
+            compression_m=self._compression.mean,
+        )
+
+    def _measured(self) -> m.Measured:
+        self._here.check()
+        self._read()
+        return self._now()
+
+    @property
+    def _here(self) -> Arm:
+        if self._arm is None:
+            raise RobotFault("connection", "the arm is not connected")
+        return self._arm
+
+
+class _Samples:
+    """A trace while it is being taken."""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+        self.poses: list[list[float]] = []
+        self.compressions_m: list[float] = []
+
+    def take(self, at: m.Measured, compression_m: float) -> None:
+        self.times_s.append(at.time_s)
+        self.poses.append([at.pose[axis] for axis in Axis])
+        self.compressions_m.append(compression_m)
+
+    def take_if_due(self, at: m.Measured, compression_m: float) -> None:
+        if at.time_s >= self.times_s[-1] + _SAMPLE_S - LOOK_S / 2:
+            self.take(at, compression_m)
+
+
+def _transform(pose: Pose) -> Transform:
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = pose.rotation(), pose.position()
+    return result

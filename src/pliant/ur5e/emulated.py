@@ -1,0 +1,72 @@
+"""The cell's file for an emulated cell, from what the emulator says about itself."""
+
+import json
+import math
+import urllib.request
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.pose import angles_from
+from pliant.ur5e import configuration as c
+from pliant.ur5e.pace import AdminPort
+
+_PATIENCE_S = 20.0
+
+
+def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.Configuration:
+    """Frames, tool, payload, stiffness and camera as the emulator has them; its patience is for a
+    machine that also has to compute the physics.
+
+    Raises:
+        InputError: no emulator answers there.
+    """
+    admin = AdminPort(address, admin_port)
+    try:
+        cell = admin.ask("describe")
+        url = f"{cell['camera_url']}/cameras.json"
+        with urllib.request.urlopen(url, timeout=_PATIENCE_S) as answer:
+            (side,) = (camera for camera in json.load(answer) if camera["name"] == "side")
+    except OSError as error:
+        raise InputError(f"the emulator at {address} does not answer: {error}") from error
+    finally:
+        admin.close()
+    x, y, z, *turn = cell["hinge_on_flange"]
+    base = cell["base_in_task_m"]
+    payload = cell["payload"]
+    return c.Configuration.model_validate(
+        {
+            "arm": {"address": address},
+            "tcp": _millimetres(x, y, z)
+            | dict(zip(("rx_deg", "ry_deg", "rz_deg"), map(math.degrees, turn), strict=True)),
+            "payload": {
+                "mass_kg": payload["mass_kg"],
+                "center_mm": [v * 1e3 for v in payload["centre_on_flange_m"]],
+            },
+            "task_frame": _millimetres(*(-v for v in base)),
+            "workspace": {
+                "x_mm": [-30, 30],
+                "y_mm": [-100, 100],
+                "z_mm": [120, 400],
+                "roll_deg": [-28, 28],
+                "pitch_deg": [-17, 17],
+                "yaw_deg": [-28, 28],
+            },
+            "wrist": {"stiffness_n_mm": cell["wrist_stiffness_z"] * 1e-3},
+            "camera": {
+                "source": "http",
+                "where": f"{cell['camera_url']}/side.png",
+                "width": side["width"],
+                "height": side["height"],
+                "focal_px": side["focal_px"],
+                "position_mm": [v * 1e3 for v in side["position"]],
+                "rotation_deg": [math.degrees(v) for v in angles_from(np.array(side["rotation"]))],
+            },
+            "patience": {"stamp_ms": 900, "driver_ms": 1400, "gripper_ms": 900},
+            "emulator": {"admin_port": admin_port},
+        }
+    )
+
+
+def _millimetres(x: float, y: float, z: float) -> dict[str, float]:
+    return {"x_mm": x * 1e3, "y_mm": y * 1e3, "z_mm": z * 1e3}

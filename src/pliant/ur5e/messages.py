@@ -1,0 +1,110 @@
+"""What the trial's process and the driver's say to each other. Poses are in the task frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.pose import Pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connect:
+    """Reach the controller and the gripper."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetUp:
+    """Tool, payload, watchdog; `holds`: the peg must be in the gripper, and stay there."""
+
+    holds: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tare:
+    """Count compression from here, at rest in free hang."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """A straight motion [m/s, m]."""
+
+    pose: Pose
+    speed_m_s: float
+    stop_at_compression_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wait:
+    """On the controller's clock."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """Where the arm is now."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fingers:
+    """Close on a peg, or open."""
+
+    close: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Halt:
+    """Brake. With `why` it ends whatever is under way, and the driver, as that fault."""
+
+    why: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Close:
+    """Say goodbye."""
+
+
+Request = Connect | SetUp | Tare | Move | Wait | Measure | Fingers | Halt | Close
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """The arm at one moment; the time is the controller's."""
+
+    time_s: float
+    pose: Pose
+    compression_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moved:
+    """How a motion ended, and 20 samples a second of it."""
+
+    is_reached: bool  # False: stopped by compression
+    peak_compression_m: float
+    started_s: float
+    ended: Measured
+    times_s: NDArray[np.float64]  # (n,)
+    poses: NDArray[np.float64]  # (n, 6) x, y, z [m], roll, pitch, yaw [rad]
+    compressions_m: NDArray[np.float64]  # (n,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alive:
+    """It works on the request."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Done:
+    """The request has been done."""
+
+    result: Measured | Moved | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failed:
+    """A RobotFault, or an InputError where `kind` is empty. The driver ends after it."""
+
+    kind: str
+    message: str

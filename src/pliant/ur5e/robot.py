@@ -1,0 +1,160 @@
+"""The method's side of the real cell (protocol `pliant.cell.Robot`): a driver and a camera."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from types import TracebackType
+from typing import Self, TypeVar
+
+from pliant.cell import Motion, Observation, Stop, Trace, View
+from pliant.errors import RobotFault
+from pliant.pose import Axis, Pose
+from pliant.task import Task
+from pliant.ur5e import messages as m
+from pliant.ur5e.camera import Camera
+from pliant.ur5e.configuration import Configuration
+from pliant.ur5e.driver import Driver
+
+T = TypeVar("T")
+
+
+class UrRobot:
+    """One trial's robot. Any fault halts the arm and is final: every later call raises it again,
+    and nothing moves."""
+
+    def __init__(
+        self, configuration: Configuration, driver: Driver, camera: Camera, task: Task
+    ) -> None:
+        self.configuration, self.task = configuration, task
+        self._driver, self._camera = driver, camera
+        self._fault: RobotFault | None = None
+        self._origin_s = self._measure().time_s
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Halts. Ctrl-C while nothing was asked of the robot is the trial's end as well."""
+        self.halt()
+        if kind is KeyboardInterrupt:
+            raise RobotFault("interrupted", "interrupted by Ctrl-C; the arm is halted") from error
+
+    def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
+        """Straight, at most as fast as the configuration allows where the peg may touch.
+
+        Raises:
+            RobotFault: "safety_limits" for a pose outside the workspace or the controller's limits,
+                "not_reached" when it ended elsewhere, or what stopped it.
+        """
+        started = self._measure()
+        self._check_workspace(pose)
+        moved = self._ask_for(
+            m.Moved,
+            m.Move(
+                pose=pose,
+                speed_m_s=min(speed_m_s, self._fastest(started.pose, pose)),
+                stop_at_compression_m=min(
+                    stop_at_compression_m, self.configuration.limits.compression_mm * 1e-3
+                ),
+            ),
+        )
+        return Motion(
+            requested=pose,
+            commanded=pose,
+            ended=moved.ended.pose,
+            stop=Stop.REACHED if moved.is_reached else Stop.COMPRESSION,
+            peak_compression_m=moved.peak_compression_m,
+            started_s=moved.started_s - self._origin_s,
+            ended_s=moved.ended.time_s - self._origin_s,
+            trace=Trace(
+                time_s=moved.times_s - self._origin_s,
+                pose=moved.poses,
+                compression_m=moved.compressions_m,
+            ),
+        )
+
+    def settle(self, seconds: float) -> None:
+        self._ask(m.Wait(seconds=seconds))
+
+    def tare(self) -> None:
+        self._ask(m.Tare())
+
+    def clock(self) -> float:
+        return self._measure().time_s - self._origin_s
+
+    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
+        """Pose and compression now, and pictures taken later than them."""
+        at = self._measure()
+        views = {name: self._guarded(partial(self._view, name, at)) for name in cameras}
+        return Observation(
+            time_s=at.time_s - self._origin_s,
+            pose=at.pose,
+            compression_m=at.compression_m,
+            views=views,
+        )
+
+    def halt(self) -> None:
+        self._driver.halt()
+
+    # --- inside ----------------------------------------------------------------------------------
+
+    def _check_workspace(self, pose: Pose) -> None:
+        workspace = self.configuration.workspace
+        for axis in Axis:
+            low, high = workspace.low[axis], workspace.high[axis]
+            if not low <= pose[axis] <= high:
+                low, high = axis.to_report(low), axis.to_report(high)
+                self.halt()
+                raise self._kept(
+                    RobotFault(
+                        "safety_limits",
+                        f"{axis} {axis.to_report(pose[axis]):.1f} {axis.report_unit} is outside the"
+                        f" cell's workspace, {low:.1f} to {high:.1f} {axis.report_unit}",
+                    )
+                )
+
+    def _fastest(self, start: Pose, end: Pose) -> float:
+        """[m/s], by whether the peg may touch the board on the way."""
+        limits = self.configuration.limits
+        free_z = self.task.tip_below_hinge + limits.free_above_mm * 1e-3
+        is_free = min(start.z, end.z) >= free_z
+        return (limits.speed_mm_s if is_free else limits.contact_speed_mm_s) * 1e-3
+
+    def _view(self, name: str, at: m.Measured) -> View:
+        if name != "side":
+            raise RobotFault("camera", f"the cell has no camera '{name}': it has 'side'")
+        return self._camera.view(at.time_s, self._origin_s)
+
+    def _measure(self) -> m.Measured:
+        return self._ask_for(m.Measured, m.Measure())
+
+    def _ask_for(self, kind: type[T], request: m.Request) -> T:
+        result = self._ask(request)
+        assert isinstance(result, kind)
+        return result
+
+    def _ask(self, request: m.Request) -> m.Measured | m.Moved | None:
+        return self._guarded(lambda: self._driver.ask(request))
+
+    def _guarded(self, call: Callable[[], T]) -> T:
+        """A fault is final, and Ctrl-C is one."""
+        if self._fault is not None:
+            raise self._fault
+        try:
+            return call()
+        except RobotFault as fault:
+            self.halt()
+            raise self._kept(fault) from fault.__cause__
+        except KeyboardInterrupt as error:
+            self.halt()
+            raise self._kept(
+                RobotFault("interrupted", "interrupted by Ctrl-C; the arm is halted")
+            ) from error
+
+    def _kept(self, fault: RobotFault) -> RobotFault:
+        self._fault = fault
+        return fault
