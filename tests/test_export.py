@@ -233,3 +233,15 @@ def test_train_and_test_share_neither_seeds_nor_pictures(asked: Path) -> None:
     assert not {line["picture"] for line in train} & {line["picture"] for line in test}
     shown = {line["picture"] for line in train + test}
     assert {f"pictures/{p.name}" for p in (asked / "pictures").iterdir()} == shown
+
+
+def test_the_documents_snippet_reads_the_corrections(asked: Path, tmp_path: Path) -> None:
+    text = (Path(__file__).parent.parent / "docs/datasets.md").read_text()
+    code = text.split("```python\n")[2].split("```")[0]
+    (tmp_path / "exports").mkdir()
+    (tmp_path / "exports/failure-qa").symlink_to(asked)
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    corrected = [line for line in lines(asked, TRAIN) if line["type"] == "correct"]
+    assert len(done.stdout.splitlines()) == len(corrected) > 0

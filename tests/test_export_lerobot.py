@@ -4,6 +4,8 @@
 """
 
 import json
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -267,6 +269,27 @@ def test_a_trial_alone_made_in_this_process_is_the_same_episode(
     assert info["splits"] == {"train": "0:1"}
 
 
+def test_a_file_that_is_full_is_followed_by_another(
+    run: tuple[Source, dict[str, Trial]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lerobot, "_DATA_MB", 0)
+    monkeypatch.setattr(lerobot, "_VIDEO_MB", 0)
+    monkeypatch.setattr(lerobot, "_FILES_IN_CHUNK", 2)
+    out = tmp_path / "data"
+    lerobot.write(run[0], out, fps=1, workers=1)
+    episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    for episode, place in zip(
+        episodes, ("000/file-000", "000/file-001", "001/file-000"), strict=True
+    ):
+        frames = pq.read_table(out / f"data/chunk-{place}.parquet")
+        assert set(column(frames, "episode_index")) == {episode["episode_index"]}
+        with av.open(str(out / f"videos/{KEY}/chunk-{place}.mp4")) as container:
+            assert sum(1 for _ in container.decode(video=0)) == episode["length"] == len(frames)
+        assert episode[f"videos/{KEY}/from_timestamp"] == 0.0
+        numbers = f"{episode['data/chunk_index']:03d}/file-{episode['data/file_index']:03d}"
+        assert numbers == place
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -283,3 +306,15 @@ def test_wrong_options_are_refused_before_anything_is_written(
     with pytest.raises(InputError, match=word):
         lerobot.write(run[0], tmp_path / "data", **options)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_documents_snippet_reads_the_failed_executions(read: Read, tmp_path: Path) -> None:
+    text = (Path(__file__).parent.parent / "docs/datasets.md").read_text()
+    code = text.split("```python\n")[1].split("```")[0]
+    (tmp_path / "exports").mkdir()
+    (tmp_path / "exports/lerobot").symlink_to(read.folder)
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    failed = [e for e in read.executions if not e["success"]]
+    assert done.stdout.count("(480, 640, 3)") == len(failed) > 0
