@@ -1,7 +1,7 @@
 # Needs only python3 with venv, make and git. Everything it makes stays in this folder, except system
 # packages, for drawing pictures and for the browser tests, which tools/ensure_*.sh install for root.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-system bench bench-peers clean
+.PHONY: help setup run test test-system docs bench bench-peers clean
 UV_VERSION := 0.13.9
 SEED ?= 1
 BIN := .venv/bin
@@ -30,12 +30,14 @@ test: setup  ## Style, types, layers, the wheel and the tests
 test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a browser
 	@tools/ensure_chromium.sh
 	.cache/venv-system/bin/pytest -m system
+docs: .cache/venv-docs/.synced  ## The documentation as a site that needs no network: site/index.html
+	tools/build_docs.sh
 bench: setup  ## Measure speed
 	$(BIN)/python benchmarks/speed.py
 bench-peers: setup  ## Measure speed beside robosuite's, which gets an environment of its own
 	$(BIN)/python benchmarks/against_robosuite.py
 clean:  ## Remove what make made, but not the results in runs/
-	rm -rf .venv .tools .cache .hypothesis dist
+	rm -rf .venv .tools .cache .hypothesis dist site
 .tools/uv-$(UV_VERSION):
 	python3 -m venv --clear .tools
 	.tools/bin/pip install --quiet --no-cache-dir --disable-pip-version-check uv==$(UV_VERSION)
@@ -45,4 +47,7 @@ clean:  ## Remove what make made, but not the results in runs/
 	touch $@
 .cache/venv-system/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
 	UV_PROJECT_ENVIRONMENT=.cache/venv-system .tools/bin/uv sync --frozen --quiet --extra ray --extra rerun --extra ur5e --group system
+	touch $@
+.cache/venv-docs/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
+	UV_PROJECT_ENVIRONMENT=.cache/venv-docs .tools/bin/uv sync --frozen --quiet --only-group docs
 	touch $@
