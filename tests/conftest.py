@@ -1,7 +1,10 @@
 """What every test needs before it is collected."""
 
 import os
+from collections.abc import Iterator
 
+import pydantic_ai.models
+import pytest
 from hypothesis import settings
 
 import pliant.sim  # noqa: F401, chooses the OpenGL back end before a test imports MuJoCo
@@ -9,3 +12,14 @@ import pliant.sim  # noqa: F401, chooses the OpenGL back end before a test impor
 settings.register_profile("local", deadline=None)  # a first picture takes a second
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+pydantic_ai.models.ALLOW_MODEL_REQUESTS = False
+
+
+@pytest.fixture(autouse=True)
+def _only_own_servers_are_asked(request: pytest.FixtureRequest) -> Iterator[None]:
+    """No test asks a real model, but those that start a server of their own: marked `system`, or
+    using `own_server`."""
+    own = "own_server" in request.fixturenames or request.node.get_closest_marker("system")
+    with pydantic_ai.models.override_allow_model_requests(bool(own)):
+        yield

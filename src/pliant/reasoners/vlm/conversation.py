@@ -16,9 +16,14 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_ai import Agent, ModelRetry, NativeOutput, PromptedOutput, ToolOutput
-from pydantic_ai.exceptions import AgentRunError, UnexpectedModelBehavior
+from pydantic_ai.exceptions import (
+    AgentRunError,
+    UnexpectedModelBehavior,
+    UsageLimitExceeded,
+)
 from pydantic_ai.messages import UserContent
 from pydantic_ai.settings import ModelSettings
+from pydantic_ai.usage import UsageLimits
 
 from pliant.errors import PliantError
 from pliant.reasoners.vlm.settings import Output, Settings
@@ -28,6 +33,7 @@ from pliant.records import Exchange
 
 T = TypeVar("T", bound=BaseModel)
 _AGAIN = 1  # times a refused reply is asked for again
+_TWICE = UsageLimits(request_limit=1 + _AGAIN)  # however many kinds of mistakes a model makes
 _GRACE_S = 5.0  # beyond the deadline, for a client that does not heed it
 _TAG = {Output.TOOL: ToolOutput, Output.NATIVE: NativeOutput, Output.PROMPTED: PromptedOutput}
 
@@ -85,7 +91,7 @@ def ask(
 
     async def conversation() -> T:
         async with agent:  # closes its connections afterwards
-            return (await agent.run(list(content))).output
+            return (await agent.run(list(content), usage_limits=_TWICE)).output
 
     async def answered() -> T:
         return await asyncio.wait_for(conversation(), deadline_s)
@@ -116,6 +122,8 @@ def ask(
 
 def _reason(error: AgentRunError) -> str:
     """Why a conversation ended: what was wrong with the last reply, where that was it."""
+    if isinstance(error, UsageLimitExceeded):
+        return "no usable reply to either request"
     cause = error.__cause__
     if isinstance(error, UnexpectedModelBehavior) and cause is not None:
         if isinstance(cause, ValidationError):
