@@ -131,6 +131,10 @@ def test_a_fault_anywhere_ends_it_with_its_kind_halted_and_everything_recorded(
     assert robot.calls[-1] == "halt"
     assert names(executions) == FIVE[:done]
     assert run.history == executions
+    assert run.aborted is not None
+    assert run.aborted.step.formation == FIVE[done]
+    assert (run.aborted.under_way == run.aborted.target) is (call == "move_to")
+    assert len(run.aborted.motions) == (call != "move_to")
 
 
 def test_a_motion_outside_the_envelope_is_a_fault_of_its_own_kind() -> None:

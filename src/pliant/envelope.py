@@ -39,11 +39,17 @@ class Limits:
 
 class Guarded:
     """A robot behind the envelope: the same six calls, each motion checked, speed and compression
-    limit capped. The motion's record keeps what was requested beside what was commanded."""
+    limit capped. The motion's record keeps what was requested beside what was commanded.
+
+    `motions` are those done since somebody cleared the list, `under_way` where the arm was sent and
+    has not arrived: after a fault they say what it was doing.
+    """
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
         self._robot = robot
         self.limits = limits
+        self.motions: list[Motion] = []
+        self.under_way: Pose | None = None
 
     def __enter__(self) -> Self:
         self._robot.__enter__()
@@ -65,11 +71,15 @@ class Guarded:
         if problem is not None:
             self._robot.halt()
             raise RobotFault("envelope", f"refused a motion: {problem}")
-        return self._robot.move_to(
+        self.under_way = pose
+        motion = self._robot.move_to(
             pose,
             speed_m_s=min(speed_m_s, self.limits.speed_m_s),
             stop_at_compression_m=min(stop_at_compression_m, self.limits.compression_m),
         )
+        self.under_way = None
+        self.motions.append(motion)
+        return motion
 
     def settle(self, seconds: float) -> None:
         self._robot.settle(seconds)

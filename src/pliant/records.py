@@ -180,6 +180,17 @@ class Execution:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Aborted:
+    """An execution that a fault ended. `under_way` is where the arm was being sent when it came;
+    None: it stood still."""
+
+    step: Step
+    target: Pose
+    motions: tuple[Motion, ...]  # those that were done
+    under_way: Pose | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
     """All that a reasoner may know when it judges or recovers: serialisable, so that a stored case
     can be judged again. `goals` are the ones in force, updated by the recoveries so far."""
@@ -222,6 +233,7 @@ class Trial:
     wall_s: float
     drawn: Mapping[str, float] = field(default_factory=dict)  # the setup: truth
     truths: tuple[Truth, ...] = ()  # after each execution; kept apart, so that no Case holds one
+    aborted: Aborted | None = None  # the execution during which `fault` happened
 
     @property
     def judged(self) -> bool:

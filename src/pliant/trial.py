@@ -17,7 +17,7 @@ from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
 from pliant.pose import Pose
-from pliant.records import Case, End, Execution, Look, Outcome, Recovery, Verdict
+from pliant.records import Aborted, Case, End, Execution, Look, Outcome, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -63,6 +63,7 @@ class Run:
     patience: Patience = field(default_factory=Patience)
     end_reason: str = ""
     fault: str = ""
+    aborted: Aborted | None = None  # the execution during which the fault happened
     clock_s: float = 0.0  # of the robot, after the last execution
     history: list[Execution] = field(default_factory=list)
 
@@ -99,7 +100,7 @@ class Run:
             goals = goals.updated(step)
             target = goals.target(step.formation)
             before = self._belief(None)
-            outcome = self.skill(robot, lambda: self._look(robot), target, step, before)
+            outcome = self._execute(robot, target, step, before)
             case = Case(
                 task=self.task,
                 teaching=self.teaching,
@@ -143,6 +144,19 @@ class Run:
             yield execution
             if self.end_reason:
                 return
+
+    def _execute(self, robot: Guarded, target: Pose, step: Step, before: Belief) -> Outcome:
+        robot.motions.clear()
+        try:
+            return self.skill(robot, lambda: self._look(robot), target, step, before)
+        except RobotFault:
+            self.aborted = Aborted(
+                step=step,
+                target=target,
+                motions=tuple(robot.motions),
+                under_way=robot.under_way,
+            )
+            raise
 
     def _look(self, robot: Guarded) -> Look:
         observation = robot.observe()

@@ -60,7 +60,7 @@ def perform(
     teaching = teaching.for_task(spec.task)
     history: list[Execution] = []
     truths: list[Truth] = []
-    simulated_s = 0.0
+    simulated_s, aborted = 0.0, None
     try:
         robot = cell.prepare(spec.task, setup)
     except RobotFault as fault:
@@ -80,7 +80,7 @@ def perform(
             if on_execution is not None:
                 on_execution(execution, truths[-1])
         history, simulated_s = run.history, run.clock_s
-        end_reason, why = run.end_reason, run.fault
+        end_reason, why, aborted = run.end_reason, run.fault, run.aborted
     return Trial(
         trial_id=spec.trial_id,
         task=spec.task,
@@ -96,6 +96,7 @@ def perform(
         wall_s=time.perf_counter() - started,
         drawn=setup.quantities(),
         truths=tuple(truths),
+        aborted=aborted,
     )
 
 

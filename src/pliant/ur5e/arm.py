@@ -66,7 +66,7 @@ class Arm:
             self._receive: Any = RTDEReceiveInterface(address, _FREQUENCY, _VARIABLES)
             self._check_state()  # else the next line waits for a program that cannot start
             self._control: Any = RTDEControlInterface(address, _FREQUENCY)
-            self.pace: Pace = pace_of(configuration, self._receive.getTimestamp)
+            self.pace: Pace = pace_of(configuration, self._stamp_now)
         except (OSError, RuntimeError) as error:
             raise RobotFault(
                 "connection", f"the controller at {address} cannot be used: {error}"
@@ -84,14 +84,17 @@ class Arm:
         Raises:
             RobotFault: "connection", "stalled", a stop's kind, "power_off", "program_stopped".
         """
-        # After a disconnect getters return their last values, and one of the two interfaces says
-        # that it is connected when only the other was cut.
-        if not (self._receive.isConnected() and self._control.isConnected()):
-            raise RobotFault("connection", "the connection to the controller is lost")
+        self._check_connection()
         self._check_stamp()
         self._check_state()
         if not self._control.isProgramRunning():
             raise RobotFault("program_stopped", "the control program on the controller has ended")
+
+    def _check_connection(self) -> None:
+        """After a disconnect getters return their last values. Either interface can be cut alone,
+        and the other one goes on saying that it is connected."""
+        if not (self._receive.isConnected() and self._control.isConnected()):
+            raise RobotFault("connection", "the connection to the controller is lost")
 
     def _check_stamp(self) -> None:
         """A controller that stalls stays connected; only the age of its time stamp tells."""
@@ -125,7 +128,7 @@ class Arm:
         try:
             self.pace.look()
         except Stalled:
-            self.check()  # a lost connection looks like a stall at first
+            self._check_connection()
             self._stalled(self._patience_s)
         except OSError as error:
             raise RobotFault("connection", f"the emulated cell is gone: {error}") from error
@@ -140,7 +143,13 @@ class Arm:
             self._control.kickWatchdog()
 
     def time_s(self) -> float:
+        """The controller's time stamp [s]."""
         return float(self._receive.getTimestamp())
+
+    def _stamp_now(self) -> float:
+        """The time stamp for whoever waits for it to advance."""
+        self._check_connection()
+        return self.time_s()
 
     # --- measurements ----------------------------------------------------------------------------
 

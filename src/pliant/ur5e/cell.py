@@ -4,6 +4,8 @@ On a real one an operator sets the scene and says afterwards how it went. On an 
 experiment does both through the admin port; the method's side is the same.
 """
 
+import contextlib
+import urllib.request
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +24,7 @@ from pliant.ur5e.robot import UrRobot
 
 HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial; as in the simulated cell
 _HOME_SPEED = 0.05  # [m/s]
+_FIRST_S = 30.0  # for an emulated camera's first picture
 _SETTLE_S = 1.5  # the tool swings after a motion
 
 
@@ -66,6 +69,11 @@ class UrCell:
             )
         self._driver: Driver | None = None
         self._camera: Camera | None = None
+        self._peg = ""  # that the emulated camera has drawn
+
+    @property
+    def kind(self) -> str:
+        return self.configuration.kind
 
     def prepare(self, task: Task, setup: Setup) -> UrRobot:
         """Have the scene set, the arm at home and at rest, compression tared.
@@ -156,6 +164,11 @@ class UrCell:
             admin.ask("setup", peg=peg, seed=setup.seed, **setup.quantities())
         except OSError as error:
             raise RobotFault("connection", f"the emulator does not answer: {error}") from error
+        if peg != self._peg and self.configuration.camera.source is c.Source.HTTP:
+            self._peg = peg
+            with contextlib.suppress(OSError):  # a broken camera is for the trial to find
+                # The emulator's first picture of a peg takes longer than a camera may.
+                urllib.request.urlopen(self.configuration.camera.where, timeout=_FIRST_S).read()
 
 
 def open_cell(path: Path, operator: Operator | None = None) -> UrCell:

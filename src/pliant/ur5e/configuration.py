@@ -238,6 +238,11 @@ class Configuration(_Section):
     patience: Patience = Patience()
     emulator: Emulator | None = None
 
+    @property
+    def kind(self) -> str:
+        """As `cell.Workcell.kind`."""
+        return "ur5e" if self.emulator is None else "emulator"
+
 
 def load(path: Path) -> Configuration:
     """Read a cell's file. A relative path in it counts from its folder.

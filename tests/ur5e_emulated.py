@@ -1,0 +1,46 @@
+"""Set-ups for tests of the real cell's code against the emulator."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from pliant.emulator.client import Admin
+from pliant.ur5e.configuration import Configuration
+from pliant.ur5e.emulated import configuration_of
+
+WITHIN_S = 20.0  # on a loaded machine
+
+
+def cell_at(host: str, **patience: float) -> Configuration:
+    """The emulated cell's configuration, with some patience changed [ms]."""
+    configuration = configuration_of(host)
+    changed = configuration.patience.model_copy(update=patience)
+    return configuration.model_copy(update={"patience": changed})
+
+
+@contextmanager
+def fault_on_the_way(host: str, kind: str, **fields: object) -> Iterator[list[float]]:
+    """Let a fault happen as soon as the arm has begun to move. The list gets the wall's time [s]
+    when it had happened."""
+    happened: list[float] = []
+
+    def wait() -> None:
+        with Admin(host) as admin:
+            began: float | None = None
+            give_up = time.monotonic() + WITHIN_S
+            while time.monotonic() < give_up:
+                state = admin.ask("state")
+                if began is None and state["moving"]:
+                    began = state["time_s"]
+                if began is not None and state["time_s"] > began + 0.2:
+                    admin.fault(kind, **fields)
+                    happened.append(time.monotonic())
+                    return
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    try:
+        yield happened
+    finally:
+        thread.join()
