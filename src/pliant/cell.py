@@ -184,6 +184,12 @@ class Truth:
 class Workcell(Protocol):
     """A cell that an experiment prepares. Its truth stays on the experiment's side."""
 
+    @property
+    def kind(self) -> str:
+        """What it is, as results name it: "sim", "ur5e", or "emulator", which is a simulated cell
+        behind the real one's software."""
+        ...
+
     def prepare(self, task: Task, setup: Setup) -> Robot: ...
 
     def truth(self) -> Truth: ...

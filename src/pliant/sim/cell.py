@@ -51,6 +51,8 @@ def apply(model: mujoco.MjModel, setup: Setup) -> None:
 class SimCell:
     """A workcell in MuJoCo. One compiled model per task; a trial edits it and resets the state."""
 
+    kind = "sim"
+
     def __init__(self) -> None:
         self._task: Task | None = None
         self._robot: SimRobot | None = None

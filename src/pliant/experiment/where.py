@@ -1,0 +1,84 @@
+"""Where trials take place: in the simulated cell, or in the one that a file describes."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pliant.cell import Workcell
+from pliant.envelope import Limits
+from pliant.ur5e import configuration as ur5e
+from pliant.vision.measure import SIMULATED, Colours
+
+if TYPE_CHECKING:
+    from pliant.ur5e.cell import Operator
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """A cell by its file, or without one the simulated cell.
+
+    Its properties raise InputError when the file cannot be used.
+    """
+
+    file: Path | None = None
+
+    @cached_property
+    def configuration(self) -> ur5e.Configuration | None:
+        """The file's content; None: the simulated cell."""
+        return None if self.file is None else ur5e.load(self.file)
+
+    @property
+    def kind(self) -> str:
+        """As results name it: "sim", "ur5e" or "emulator"."""
+        return "sim" if self.configuration is None else self.configuration.kind
+
+    @property
+    def limits(self) -> Limits:
+        """The envelope of every motion."""
+        given = self.configuration
+        if given is None:
+            return Limits()
+        return Limits(
+            low=given.workspace.low,
+            high=given.workspace.high,
+            speed_m_s=given.limits.speed_mm_s * 1e-3,
+            compression_m=given.limits.compression_mm * 1e-3,
+            goal_step_m=given.limits.goal_step_mm * 1e-3,
+        )
+
+    @property
+    def colours(self) -> Colours:
+        """How peg and block look in its pictures."""
+        given = None if self.configuration is None else self.configuration.colours
+        return SIMULATED if given is None else Colours(peg=given.peg, block=given.block)
+
+    @property
+    def goals(self) -> Path | None:
+        """The goals that were taught in it; None: the shipped ones."""
+        return None if self.configuration is None else self.configuration.goals
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Its kind, and a content hash of its configuration."""
+        if self.configuration is None:
+            return {"kind": self.kind, "configuration": None}
+        content = self.configuration.model_dump(mode="json", exclude={"goals"})
+        text = json.dumps(content, sort_keys=True)
+        return {"kind": self.kind, "configuration": hashlib.sha256(text.encode()).hexdigest()}
+
+    def open(self, operator: "Operator | None" = None) -> Workcell:
+        """The cell itself. A real one needs an operator.
+
+        Raises:
+            InputError: it cannot be used.
+        """
+        if self.configuration is None:
+            from pliant.sim.cell import SimCell
+
+            return SimCell()
+        from pliant.ur5e.cell import UrCell
+
+        return UrCell(self.configuration, operator)
