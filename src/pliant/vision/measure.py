@@ -50,10 +50,17 @@ def measure(view: View, task: Task, colours: Colours = SIMULATED) -> Scene:
     return Scene(peg=peg, hole=hole, problems=tuple(problems), time_s=view.time_s)
 
 
-def _largest_contour(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...]) -> Points | None:
+def mask_of(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...]) -> NDArray[np.uint8]:
+    """255 where a picture in HSV is within the ranges, else 0."""
     mask = np.zeros(hsv.shape[:2], np.uint8)
     for low, high in ranges:
         mask |= cv2.inRange(hsv, np.array(low), np.array(high)).astype(np.uint8)
+    return mask
+
+
+def largest_contour(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...]) -> Points | None:
+    """The boundary's pixel centres of the largest region within the ranges; None: none is large."""
+    mask = mask_of(hsv, ranges)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not contours:
         return None
@@ -82,7 +89,7 @@ def _box(contour: Points) -> tuple[tuple[Pixel, Pixel, Pixel, Pixel], Pixel, flo
 def _hole(
     hsv: NDArray[np.uint8], camera: Camera, colours: Colours, problems: list[str]
 ) -> HoleSeen | None:
-    contour = _largest_contour(hsv, colours.block)
+    contour = largest_contour(hsv, colours.block)
     if contour is None:
         problems.append("no hole: no red region in the picture")
         return None
@@ -123,7 +130,7 @@ def _peg(
     colours: Colours,
     problems: list[str],
 ) -> PegSeen | None:
-    contour = _largest_contour(hsv, colours.peg)
+    contour = largest_contour(hsv, colours.peg)
     if contour is None:
         problems.append("no peg: no cyan region in the picture")
         return None
