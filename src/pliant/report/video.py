@@ -9,6 +9,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+from av.video.reformatter import Colorspace
 from numpy.typing import NDArray
 
 from pliant.errors import InputError
@@ -157,6 +158,7 @@ def _encode(path: Path, frames: Iterator[Picture]) -> None:
         stream = container.add_stream("libx264", rate=FRAMES_PER_S)
         stream.height, stream.width = first.shape[:2]
         stream.pix_fmt = "yuv420p"
+        stream.codec_context.colorspace = Colorspace.ITU601  # as the pictures are converted
         stream.options = {"preset": "superfast", "crf": "22"}
         for picture in chain([first], frames):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
