@@ -145,8 +145,8 @@ class Robot(Protocol):
         traceback: TracebackType | None,
     ) -> None: ...
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
-        """Move the hinge point in a straight line; end at once, as a result, when the wrist is
-        pressed past the limit (Sec. IV-A, "Compression limit")."""
+        """Move the hinge point in a straight line in the task frame; end at once, as a result, when
+        the wrist is pressed past the limit (Sec. IV-A, "Compression limit")."""
         ...
 
     def settle(self, seconds: float) -> None:
@@ -161,7 +161,9 @@ class Robot(Protocol):
         """Seconds since the cell was prepared."""
         ...
 
-    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation: ...
+    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
+        """Measure, and take a picture with each named camera; none for ()."""
+        ...
 
     def halt(self) -> None:
         """Stop where it is, now."""
@@ -190,6 +192,11 @@ class Workcell(Protocol):
         behind the real one's software."""
         ...
 
-    def prepare(self, task: Task, setup: Setup) -> Robot: ...
+    def prepare(self, task: Task, setup: Setup) -> Robot:
+        """The robot for one trial: at home, in free hang, tared, its clock at zero. May raise
+        RobotFault."""
+        ...
 
-    def truth(self) -> Truth: ...
+    def truth(self) -> Truth:
+        """What is true now."""
+        ...

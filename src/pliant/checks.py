@@ -63,6 +63,7 @@ def pose_check(outcome: Outcome) -> Check:
 
 
 def compression_check(outcome: Outcome) -> Check:
+    """Whether the compression limit ended a motion."""
     peak = f"{outcome.peak_compression_m * 1e3:.1f} mm"
     if outcome.stop is Stop.COMPRESSION:
         return Check(name="compression", vote=False, message=f"limit reached at {peak}")
@@ -105,6 +106,7 @@ def _align_message(offset: float, tilt_deg: float, on_hole: float) -> str:
 
 
 def on_hole_px(outcome: Outcome) -> float:
+    """Table I's "on the hole" in the outcome's picture [px]."""
     camera = outcome.looks[-1].observation.views["side"].camera
     return ON_HOLE_M / camera.metres_per_pixel(0.0)
 

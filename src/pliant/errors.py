@@ -1,8 +1,8 @@
 """The errors a user meets.
 
-PliantError
-├── InputError      something the user gave cannot be used: exit status 2, one line
-└── RobotFault      the cell failed during a trial: recorded as the trial's end reason
+    PliantError
+    ├── InputError      something the user gave cannot be used: exit status 2, one line
+    └── RobotFault      the cell failed during a trial: recorded as the trial's end reason
 """
 
 from collections.abc import Iterable

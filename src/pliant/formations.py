@@ -89,11 +89,16 @@ class Goals:
         return step.goal[Axis.Y] + (taught if step.formation is Formation.FIT else 0.0)
 
     def step(self, formation: Formation, *, retreat: bool = False) -> Step:
+        """The step to a formation's goal as it is."""
         return Step(formation=formation, goal=self.formations[formation], retreat=retreat)
 
 
 def check_axes(formation: Formation, goal: Partial) -> None:
-    """Refuse a goal that does not name exactly the axes its formation owns."""
+    """Refuse a goal that does not name exactly the axes its formation owns.
+
+    Raises:
+        InputError: an axis is missing, or one too many.
+    """
     owned = OWNED[formation]
     names = ", ".join(owned)
     for axis in goal:

@@ -85,9 +85,11 @@ class Pose:
         }
 
     def position(self) -> NDArray[np.float64]:  # (3,) [m]
+        """x, y, z (3,) [m]."""
         return np.array([self.x, self.y, self.z])
 
     def rotation(self) -> NDArray[np.float64]:  # (3, 3)
+        """The tool's axes as columns in the task frame (3, 3)."""
         return rotation_matrix(self.roll, self.pitch, self.yaw)
 
 

@@ -28,6 +28,9 @@ class Peg:
 
     The outline is in the peg's frame, x away from the robot and y along the insertion plane,
     counter-clockwise around the peg's axis.
+
+    Raises:
+        InputError: the outline is not such a polygon, or a size cannot be built.
     """
 
     name: str
@@ -73,7 +76,11 @@ class Peg:
 
 @dataclass(frozen=True, kw_only=True)
 class Hole:
-    """The peg's outline grown by half the `clearance` all round, with a 45 degree `chamfer` [m]."""
+    """The peg's outline grown by half the `clearance` all round, with a 45 degree `chamfer` [m].
+
+    Raises:
+        InputError: either is out of range.
+    """
 
     clearance: float = 0.002
     chamfer: float = 0.0
@@ -94,6 +101,9 @@ class Wrist:
 
     The defaults are the four published axes of Fuchioka et al. 2024, the simulator that the paper
     builds on. A lateral stiffness makes it six, as the real wrist has.
+
+    Raises:
+        InputError: a value is not above 0, or only one lateral stiffness is given.
     """
 
     stiffness_z: float = 1000.0
@@ -120,7 +130,11 @@ class Wrist:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """The nominal task: what a method may know before it starts."""
+    """The nominal task: what a method may know before it starts.
+
+    Raises:
+        InputError: the hole is too wide for the block.
+    """
 
     peg: Peg
     hole: Hole = field(default_factory=Hole)
@@ -146,6 +160,7 @@ class Task:
 
     @property
     def tip_below_grasp(self) -> float:
+        """From the grasp to the centre of the peg's bottom face [m]."""
         return self.peg.length - self.peg_top_above_grasp
 
 
@@ -180,7 +195,8 @@ def in_words(quantity: str, value: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What is actual in one trial. Ground truth: it stays on the experiment's side."""
+    """What is actual in one trial: friction as a factor on the hole's, hole_y [m], grasp_roll [rad].
+    Ground truth: it stays on the experiment's side."""
 
     seed: int
     friction: float = 1.0
@@ -188,12 +204,17 @@ class Setup:
     grasp_roll: float = 0.0
 
     def quantities(self) -> dict[str, float]:
+        """Every quantity by its name, drawn or nominal."""
         return {name: getattr(self, name) for name in NOMINAL}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """Which quantities are drawn, each uniformly from its range; the others stay nominal."""
+    """Which quantities are drawn, each uniformly from its range; the others stay nominal.
+
+    Raises:
+        InputError: a quantity is unknown, or its range is out of order or outside VALID_RANGES.
+    """
 
     name: str
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -256,6 +277,7 @@ LEVELS = ("L0",)
 
 
 def shipped_pegs() -> list[str]:
+    """Names that `load_task` takes beside a file's path."""
     return sorted(
         p.name.removesuffix(".yaml")
         for p in (files("pliant") / "pegs").iterdir()
