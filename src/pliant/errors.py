@@ -3,6 +3,8 @@
     PliantError
     ├── InputError      something the user gave cannot be used: exit status 2, one line
     └── RobotFault      the cell failed during a trial: recorded as the trial's end reason
+
+Both are one line. What else is raised is a defect.
 """
 
 from collections.abc import Iterable

@@ -195,7 +195,7 @@ def in_words(quantity: str, value: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What is actual in one trial: friction as a factor on the hole's, hole_y [m], grasp_roll [rad].
+    """What is actual in one trial: friction, a factor on the hole's; hole_y [m]; grasp_roll [rad].
     Ground truth: it stays on the experiment's side."""
 
     seed: int
