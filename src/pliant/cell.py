@@ -189,7 +189,7 @@ class Workcell(Protocol):
     @property
     def kind(self) -> str:
         """What it is, as results name it: "sim", "ur5e", or "emulator", which is a simulated cell
-        behind the real one's software."""
+        behind a UR5e's software."""
         ...
 
     def prepare(self, task: Task, setup: Setup) -> Robot:

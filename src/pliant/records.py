@@ -234,6 +234,7 @@ class Trial:
     drawn: Mapping[str, float] = field(default_factory=dict)  # the setup: truth
     truths: tuple[Truth, ...] = ()  # after each execution; kept apart, so that no Case holds one
     aborted: Aborted | None = None  # the execution during which `fault` happened
+    cell: str = "sim"  # the kind of workcell
 
     @property
     def judged(self) -> bool:

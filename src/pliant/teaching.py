@@ -21,7 +21,7 @@ from pliant.errors import InputError, unknown
 from pliant.formations import Formation, Goals
 from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task, load_task
-from pliant.vision.measure import measure
+from pliant.vision.measure import SIMULATED, Colours, measure
 from pliant.vision.scene import Scene
 
 SCHEMA = 1
@@ -67,8 +67,8 @@ def shipped() -> Teaching:
         return load(folder / "goals.yaml")
 
 
-def load(path: Path, limits: Limits | None = None) -> Teaching:
-    """Read taught goals.
+def load(path: Path, limits: Limits | None = None, colours: Colours = SIMULATED) -> Teaching:
+    """Read taught goals. `colours` are those of their pictures.
 
     Raises:
         InputError: the file or a picture is missing or broken, or a goal is out of the workspace.
@@ -100,14 +100,21 @@ def load(path: Path, limits: Limits | None = None) -> Teaching:
             ),
         )
     try:
-        return taught(Goals(formations=goals), demonstrations)
+        return taught(Goals(formations=goals), demonstrations, colours)
     except InputError as error:
         raise InputError(f"goal file '{path}': {error}") from error
 
 
-def taught(goals: Goals, demonstrations: Mapping[Formation, Demonstration]) -> Teaching:
+def taught(
+    goals: Goals,
+    demonstrations: Mapping[Formation, Demonstration],
+    colours: Colours = SIMULATED,
+) -> Teaching:
     """Goals with their demonstrations, whose pictures are measured here."""
-    scenes = {f: measure(shown.view, load_task(shown.peg)) for f, shown in demonstrations.items()}
+    scenes = {
+        formation: measure(shown.view, load_task(shown.peg), colours)
+        for formation, shown in demonstrations.items()
+    }
     return Teaching(goals=goals, demonstrations=demonstrations, scenes=scenes)
 
 

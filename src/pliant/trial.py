@@ -21,7 +21,7 @@ from pliant.records import Aborted, Case, End, Execution, Look, Outcome, Recover
 from pliant.recovery import Reasoner, admit
 from pliant.task import Task
 from pliant.teaching import Teaching
-from pliant.vision.measure import measure
+from pliant.vision.measure import SIMULATED, Colours, measure
 
 
 class Skill(Protocol):
@@ -61,6 +61,7 @@ class Run:
     skill: Skill
     limits: Limits = field(default_factory=Limits)
     patience: Patience = field(default_factory=Patience)
+    colours: Colours = SIMULATED
     end_reason: str = ""
     fault: str = ""
     aborted: Aborted | None = None  # the execution during which the fault happened
@@ -160,7 +161,8 @@ class Run:
 
     def _look(self, robot: Guarded) -> Look:
         observation = robot.observe()
-        return Look(observation=observation, scene=measure(observation.views["side"], self.task))
+        scene = measure(observation.views["side"], self.task, self.colours)
+        return Look(observation=observation, scene=scene)
 
     def _belief(self, outcome: Outcome | None) -> Belief:
         outcomes = [e.outcome for e in self.history] + ([outcome] if outcome else [])

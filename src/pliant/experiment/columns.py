@@ -18,6 +18,7 @@ KINDS = {
     "wedged": "in the hole, not deep enough, and not stopped by the compression limit",
     "false_accept": "judged inserted, and it was not",
     "false_reject": "inserted, and not judged so",
+    "not_inserted": "not inserted, as a person saw it; where the peg was, nobody measured",
     "gave_up": "the reasoner stopped, or the trial ended before any Fit",
     "fault": "the cell, the reasoner or the worker failed: see end_reason and fault",
 }
@@ -79,6 +80,7 @@ def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> Colum
 
 TRIALS: tuple[Column, ...] = (
     _column("trial_id", _TEXT, "level-peg-condition-reasoner-seed; unique"),
+    _column("cell", _TEXT, "sim, ur5e, or emulator: a simulated cell behind a UR5e's software"),
     _column("level", _TEXT, "which grid of disturbances: L0 is the paper's"),
     _column("peg", _TEXT, "the peg's name"),
     _column("condition", _TEXT, "the condition's name"),

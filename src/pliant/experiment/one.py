@@ -17,6 +17,7 @@ from pliant.skills.planar import Planar
 from pliant.task import Condition, Setup, Task
 from pliant.teaching import Teaching
 from pliant.trial import Patience, Run
+from pliant.vision.measure import SIMULATED, Colours
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +43,7 @@ def perform(
     teaching: Teaching,
     *,
     limits: Limits | None = None,
+    colours: Colours = SIMULATED,
     on_execution: Callable[[Execution, Truth], None] | None = None,
     record: Path | None = None,
     replay: Path | None = None,
@@ -74,6 +76,7 @@ def perform(
             skill=Planar(taught=teaching.goals),
             limits=limits,
             patience=Patience(),
+            colours=colours,
         )
         for execution in run:
             truths.append(cell.truth())
@@ -97,6 +100,7 @@ def perform(
         drawn=setup.quantities(),
         truths=tuple(truths),
         aborted=aborted,
+        cell=cell.kind,
     )
 
 

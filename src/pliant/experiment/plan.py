@@ -17,7 +17,7 @@ where the cross product does not do, a list of cells:
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
 from importlib.metadata import version
 from importlib.resources import files
@@ -31,6 +31,7 @@ from pliant import teaching
 from pliant.errors import InputError, unknown
 from pliant.experiment import oracle
 from pliant.experiment.one import Spec
+from pliant.experiment.where import Where
 from pliant.formations import Formation
 from pliant.pose import Axis
 from pliant.reasoners import REASONERS, VLM, reasoner
@@ -84,17 +85,19 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """Cells times seeds. `goals` is a taught goals file, or None for the shipped ones.
+    """Cells of a table times seeds. `goals` is a taught goals file, or None for those of the
+    workcell `where`.
 
     Raises:
-        InputError: there are no cells, two of them would share their trials' names, or a number is
-            out of range.
+        InputError: there are no cells, two of them would share their trials' names, a number is
+            out of range, the workcell's file cannot be used, or the workcell cannot do this.
     """
 
     cells: tuple[Cell, ...]
     trials: int = 30
     first_seed: int = 1
     goals: str | None = None
+    where: Where = field(default_factory=Where)
 
     def __post_init__(self) -> None:
         _whole("trials", self.trials, 1, MOST_TRIALS)
@@ -109,6 +112,9 @@ class Experiment:
                     f"two different cells are both named {', '.join(cell.names)}: rename the peg"
                     " file, the condition or the reasoner's file of one"
                 )
+        if self.where.kind == "ur5e":
+            for cell in self.cells:
+                _check_on_arm(cell)
 
     def __len__(self) -> int:
         return len(self.cells) * self.trials
@@ -121,7 +127,10 @@ class Experiment:
 
     def teaching(self) -> Teaching:
         """Raises InputError when the goals file cannot be used."""
-        return teaching.shipped() if self.goals is None else teaching.load(Path(self.goals))
+        goals = self.where.goals if self.goals is None else Path(self.goals)
+        if goals is None:
+            return teaching.shipped()
+        return teaching.load(goals, self.where.limits, self.where.colours)
 
     @property
     def models(self) -> list[str]:
@@ -151,6 +160,7 @@ class Experiment:
                 }
                 for c in self.cells
             ],
+            "cell": self.where.document,
             "goals": _goals_digest(self.teaching()),
             "code": _code_digest(),
             "versions": {name: version(name) for name in ("pliant", "mujoco", "numpy")},
@@ -313,6 +323,17 @@ def _range(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]
     quantity, axis = QUANTITIES[field]
     low, high = (float(v) if axis is None else axis.from_report(float(v)) for v in value)
     return quantity, (low, high)
+
+
+def _check_on_arm(cell: Cell) -> None:
+    """A person can set places and angles, and nobody knows the whole truth."""
+    if "friction" in cell.condition.ranges:
+        raise InputError(
+            f"condition '{cell.condition.name}' draws the friction, which nobody can set at a real"
+            " cell: choose none or pose, or a condition of your own without it"
+        )
+    if cell.reasoner == oracle.NAME:
+        raise InputError("the oracle plans from the whole truth, which a real cell does not tell")
 
 
 def _many(value: Any) -> list[Any]:

@@ -55,6 +55,7 @@ def trial_row(trial: Trial) -> Row:
     }  # Approach and Contact are not recovered from
     return {
         "trial_id": trial.trial_id,
+        "cell": trial.cell,
         "level": trial.task.level,
         "peg": trial.task.peg.name,
         "condition": trial.condition,
@@ -78,11 +79,13 @@ def trial_row(trial: Trial) -> Row:
     }
 
 
-def lost(spec: Spec, kind: str, message: str, wall_s: float) -> Rows:
-    """The rows of a trial that left no record: it is neither judged nor labelled."""
+def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") -> Rows:
+    """The rows of a trial that left no record: it is neither judged nor labelled. `cell` is the
+    workcell's kind."""
     return Rows(
         trial={
             "trial_id": spec.trial_id,
+            "cell": cell,
             "level": spec.task.level,
             "peg": spec.task.peg.name,
             "condition": spec.condition.name,
@@ -159,6 +162,7 @@ def failure_kind(trial: Trial) -> str | None:
     where the peg was, first after the last Fit and then at the end: outside the hole it had
     "missed_edge" short of the hole's centre (Fit travels toward -y) or "overshot" beyond it.
     In the hole it is a "compression_stop" if the last execution was stopped so, else "wedged".
+    Where nobody measured the peg's place, it is "not_inserted".
     """
     if trial.end_reason.startswith("fault:"):
         return "fault"
@@ -170,6 +174,8 @@ def failure_kind(trial: Trial) -> str | None:
     if trial.end_reason == End.STOPPED or not fits:
         return "gave_up"
     for truth in (fits[-1], trial.truths[-1]):
+        if truth.fit is None:
+            return "not_inserted"
         if not truth.fit:
             return "missed_edge" if truth.tip[1] > truth.hole_y else "overshot"
     stopped = trial.executions[-1].outcome.stop is Stop.COMPRESSION

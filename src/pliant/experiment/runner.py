@@ -56,13 +56,15 @@ def run(
     record: Path | None = None,
     replay: Path | None = None,
     work: Work = perform_job,
+    engine: Engine | None = None,
 ) -> Finished:
     """Perform what is missing of an experiment in `folder`, then write its Parquet files.
 
     `workers` None: every core. `ray`: a cluster's address instead; its nodes must share `folder`
     if trials are saved. A trial that outlasts `time_limit_s` or kills its worker is tried three
     times in all, then recorded as `fault:timeout` or `fault:worker`. Ctrl-C ends it early. `record`
-    and `replay` are folders for the conversations with a VLM, a file per trial.
+    and `replay` are folders for the conversations with a VLM, a file per trial. `engine` performs
+    the trials in place of processes or a cluster, and is closed in the end.
 
     Raises:
         InputError: the folder holds something else, another configuration, or a damaged journal;
@@ -102,8 +104,9 @@ def run(
         errors = 0
         if resumed < len(experiment):
             try:
-                with closing(_engine(work, workers, ray, time_limit_s, place)) as engine:
-                    for rows in _perform(engine, jobs):
+                used = engine or _engine(work, workers, ray, time_limit_s, place)
+                with closing(used):
+                    for rows in _perform(used, jobs, experiment.where.kind):
                         cell = place.put(rows.trial_id, book.append(rows), path)
                         errors += rows.trial["failure_kind"] == "fault"
                         seen.finished(cell, rows.trial["inserted"])
@@ -164,8 +167,9 @@ def _engine(
     return Local(work, workers=min(most, place.missing), time_limit_s=time_limit_s)
 
 
-def _perform(engine: Engine, jobs: Iterator[Job]) -> Iterator[Rows]:
-    """Rows as trials end. One that was lost is tried again after all others."""
+def _perform(engine: Engine, jobs: Iterator[Job], cell: str) -> Iterator[Rows]:
+    """Rows as trials end. One that was lost is tried again after all others. `cell` is the
+    workcell's kind."""
     again: deque[Job] = deque()
     tries: Counter[str] = Counter()
     while True:
@@ -183,14 +187,14 @@ def _perform(engine: Engine, jobs: Iterator[Job]) -> Iterator[Rows]:
             if over.problem in LOST and tries[name] < TRIES:
                 again.append(over.job)
             else:
-                yield _rows(over, tries.pop(name, 0))
+                yield _rows(over, tries.pop(name, 0), cell)
 
 
-def _rows(over: Ended, tries: int) -> Rows:
+def _rows(over: Ended, tries: int, cell: str) -> Rows:
     if over.rows is not None:
         return over.rows
     message = f"{over.message}, {tries} times" if tries else over.message
-    return lost(over.job.spec, over.problem, message, wall_s=0.0)
+    return lost(over.job.spec, over.problem, message, wall_s=0.0, cell=cell)
 
 
 class _Places:
