@@ -109,7 +109,7 @@ class Recorder:
             "pictures": [_hash(png) for png in request.pictures],
             "reply": reply.message,
             "error": reply.error,
-            "latency_s": round(reply.latency_s, 4),
+            "latency_s": reply.latency_s,
         }
         self._write([*lines, exchange], "a")
         self._written |= named.keys()

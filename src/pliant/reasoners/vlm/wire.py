@@ -105,6 +105,15 @@ class Wire(WrapperModel):
         super().__init__(wrapped)
         self.budget, self.tape, self.calls, self.until = budget, tape, [], math.inf
 
+    def prepare_messages(
+        self,
+        messages: list[ModelMessage],
+        model_request_parameters: ModelRequestParameters | None = None,
+    ) -> list[ModelMessage]:
+        """As they are, since a recording is replayed without the model that they are prepared for;
+        that happens when it is asked."""
+        return messages
+
     async def request(
         self,
         messages: list[ModelMessage],
@@ -123,7 +132,7 @@ class Wire(WrapperModel):
         started = time.perf_counter()
         try:
             response = await self._tried(messages, model_settings, model_request_parameters)
-            latency_s = time.perf_counter() - started
+            latency_s = _since(started)
             message = RESPONSE.dump_json(_cut(response, _CHARACTERS * self._reply_tokens))
             kept = json.loads(without_keys(message.decode()))
             RESPONSE.validate_python(kept)  # what is recorded can be read again
@@ -143,9 +152,10 @@ class Wire(WrapperModel):
         settings: ModelSettings | None,
         parameters: ModelRequestParameters,
     ) -> ModelResponse:
+        prepared = self.wrapped.prepare_messages(messages, parameters)
         for attempt in range(1, TRIES + 1):
             try:
-                return await self.wrapped.request(messages, settings, parameters)
+                return await self.wrapped.request(prepared, settings, parameters)
             except _MAY_PASS as error:
                 if attempt == TRIES:
                     raise
@@ -190,7 +200,7 @@ class Wire(WrapperModel):
     def _failed(
         self, request: Request, messages: list[ModelMessage], why: str, started: float
     ) -> None:
-        waited = time.perf_counter() - started
+        waited = _since(started)
         self.tape.keep(request, Reply(message=None, error=why, latency_s=waited))
         model = self.wrapped.model_name
         self.calls.append(_call(messages, error=why, latency_s=waited, model=model))
@@ -204,6 +214,11 @@ class Wire(WrapperModel):
             return float(response.cost().total_price)
         except (AssertionError, LookupError, ValueError):  # a model without a published price
             return None
+
+
+def _since(started: float) -> float:
+    """Seconds since then, as exactly as they are recorded."""
+    return round(time.perf_counter() - started, 4)
 
 
 def _why(error: Exception) -> str:
