@@ -4,7 +4,7 @@
     ├── InputError      something the user gave cannot be used: exit status 2, one line
     └── RobotFault      the cell failed during a trial: recorded as the trial's end reason
 
-Both are one line. What else is raised is a defect.
+Anything else that is raised is a defect.
 """
 
 from collections.abc import Iterable
