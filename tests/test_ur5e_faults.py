@@ -1,17 +1,27 @@
 """Every fault ends what is under way, quickly, with the arm at rest, and nothing moves it again."""
 
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
-from ur5e_emulated import cell_at, fault_on_the_way
+from ur5e_emulated import cell_at, when_moving
 
+from pliant.cell import Truth
 from pliant.emulator.client import Admin, started
 from pliant.errors import RobotFault
+from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
-from pliant.task import Setup, load_task
+from pliant.pose import Pose
+from pliant.records import Execution
+from pliant.task import Setup, condition, load_task
 from pliant.teaching import shipped
 from pliant.ur5e.cell import UrCell
 from pliant.ur5e.robot import UrRobot
@@ -21,7 +31,7 @@ pytestmark = [
     pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs the extra 'ur5e'"),
 ]
 
-HOST = "127.0.0.81"
+HOST, BOXED_HOST = "127.0.0.81", "127.0.0.83"
 SEEN_WITHIN_S = 1.5  # the longest that anything may hang, on a loaded machine
 GOALS = shipped().goals
 FAULTS = {  # what happens, and what the trial ends with
@@ -54,6 +64,15 @@ def cell(emulator: Admin, cells: UrCell) -> UrCell:
     return cells
 
 
+@pytest.fixture(scope="module")
+def boxed() -> Iterator[tuple[Admin, UrCell]]:
+    """A cell whose controller has safety limits of its own, in its base frame."""
+    box = ("0.4", "0.0", "0.2", "0.6", "0.25", "0.4")
+    arguments = ("--host", BOXED_HOST, "--mode", "lockstep", "--box", *box)
+    with started(*arguments) as admin, UrCell(cell_at(BOXED_HOST)) as cell:
+        yield admin, cell
+
+
 def prepared(cell: UrCell) -> UrRobot:
     return cell.prepare(load_task("circle"), Setup(seed=0))
 
@@ -84,7 +103,7 @@ def test_a_fault_during_a_motion_halts_the_arm_and_is_named(
     robot = prepared(cell)
     for earlier in list(Formation)[: formation.order]:
         go(robot, earlier)
-    with fault_on_the_way(HOST, fault, **FAULTS[fault]) as happened:
+    with when_moving(HOST, lambda admin: admin.fault(fault, **FAULTS[fault])) as happened:
         with pytest.raises(RobotFault) as caught:
             go(robot, formation)
         seen = time.monotonic()
@@ -114,8 +133,106 @@ def test_no_new_picture_is_a_fault_with_the_arm_at_rest(
         robot.observe()
     assert caught.value.kind == "camera"
     assert time.monotonic() - began < 2.0 + SEEN_WITHIN_S
-    with pytest.raises(RobotFault, match="camera"):
+    with pytest.raises(RobotFault) as again:
         go(robot, Formation.CONTACT)
+    assert again.value.kind == "camera"
     at = pose_of(emulator)
     emulator.grant(100)
     assert np.linalg.norm((pose_of(emulator) - at)[:3]) < 2e-4
+
+
+@pytest.mark.parametrize(("number", "words"), [(signal.SIGKILL, "ended"), (signal.SIGSTOP, "sign")])
+def test_a_driver_that_crashes_or_hangs_takes_nothing_along_but_the_trial(
+    cell: UrCell, emulator: Admin, number: int, words: str
+) -> None:
+    robot = prepared(cell)
+    (process,) = (p for p in multiprocessing.active_children() if p.pid is not None)
+    assert process.pid is not None
+    with when_moving(HOST, lambda admin: os.kill(process.pid, number)) as happened:  # type: ignore[arg-type]
+        with pytest.raises(RobotFault, match=words) as caught:
+            go(robot, Formation.APPROACH)
+        seen = time.monotonic()
+    assert caught.value.kind == "driver"
+    assert seen - happened[0] < 2 * SEEN_WITHIN_S
+    assert "the arm is halted" in str(caught.value)
+    assert_at_rest(emulator)
+    prepared(cell)  # the next trial has a driver of its own
+
+
+def test_ctrl_c_during_a_motion_is_a_fault_like_any_other(cell: UrCell, emulator: Admin) -> None:
+    robot = prepared(cell)
+    with when_moving(HOST, lambda admin: os.kill(os.getpid(), signal.SIGINT)) as happened:
+        with pytest.raises(RobotFault) as caught:
+            go(robot, Formation.APPROACH)
+        seen = time.monotonic()
+    assert caught.value.kind == "interrupted"
+    assert seen - happened[0] < SEEN_WITHIN_S
+    assert_at_rest(emulator)
+
+
+def test_ctrl_c_while_somebody_thinks_ends_the_trial_too(cell: UrCell, emulator: Admin) -> None:
+    with pytest.raises(RobotFault) as caught, prepared(cell):
+        raise KeyboardInterrupt
+    assert caught.value.kind == "interrupted"
+
+
+def test_a_trials_process_that_is_killed_leaves_the_arm_at_rest(
+    emulator: Admin, tmp_path: Path
+) -> None:
+    emulator.ask("restore")
+    code = (
+        "from test_ur5e_faults import *\n"
+        "if __name__ == '__main__':\n"
+        "    robot = prepared(UrCell(cell_at(HOST)))\n"
+        "    go(robot, Formation.APPROACH)\n"
+        "    go(robot, Formation.CONTACT)\n"
+    )
+    script = tmp_path / "killed.py"
+    script.write_text(code)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    parent = subprocess.Popen([sys.executable, script], env=environment)
+    with when_moving(HOST, lambda admin: parent.kill()):
+        parent.wait()
+    give_up = time.monotonic() + SEEN_WITHIN_S
+    while emulator.ask("state")["program"] != "STOPPED" and time.monotonic() < give_up:
+        time.sleep(0.05)
+    assert_at_rest(emulator)
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (Pose(y=0.09, z=0.41), "z 410.0 mm is outside the cell's workspace"),
+        (Pose(y=0.05, z=0.3), "the controller's safety limits exclude"),
+    ],
+)
+def test_a_pose_outside_the_limits_is_refused_before_anything_moves(
+    boxed: tuple[Admin, UrCell], pose: Pose, words: str
+) -> None:
+    emulator, cell = boxed
+    robot = prepared(cell)
+    at = pose_of(emulator)
+    with pytest.raises(RobotFault, match=words) as caught:
+        robot.move_to(pose, speed_m_s=0.05, stop_at_compression_m=0.02)
+    assert caught.value.kind == "safety_limits"
+    emulator.grant(100)
+    assert np.linalg.norm((pose_of(emulator) - at)[:3]) < 2e-4
+
+
+def test_a_trial_that_a_fault_ends_is_recorded_up_to_it(cell: UrCell, emulator: Admin) -> None:
+    task = load_task("circle")
+    spec = Spec(task=task, condition=condition("none"), seed=1, reasoner="rules")
+
+    def sabotage(execution: Execution, truth: Truth) -> None:
+        if execution.formation is Formation.CONTACT:
+            emulator.fault("protective_stop")
+
+    trial = perform(spec, cell, shipped(), on_execution=sabotage)
+    assert trial.end_reason == "fault:protective_stop"
+    assert [e.formation for e in trial.executions] == [Formation.APPROACH, Formation.CONTACT]
+    assert trial.aborted is not None
+    assert trial.aborted.step.formation is Formation.FIT
+    assert "by hand" in trial.fault
+    again = perform(spec, cell, shipped())  # nobody has released the arm
+    assert again.end_reason == "fault:protective_stop"
+    assert again.executions == ()

@@ -111,6 +111,8 @@ class Http:
                 stamp = answer.headers.get(TIME_HEADER)
                 return answer.read(), None if stamp is None else float(stamp)
         except (OSError, ValueError, http.client.HTTPException) as error:
+            if isinstance(error, urllib.error.HTTPError):
+                error.close()
             raise RobotFault(
                 "camera", f"no picture from {self._settings.where}: {error}"
             ) from error

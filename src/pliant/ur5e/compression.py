@@ -15,7 +15,7 @@ from pliant.ur5e.configuration import Configuration
 
 _GRAVITY = 9.81  # [m/s2]
 _RECENT_S = 0.1  # what an observation is the mean of
-_LEAST_MARGIN = 0.0005  # [m]
+_LEAST_MARGIN = 0.00015  # [m], for the tool's inertia
 _DEVIATIONS = 4.0  # of the filtered noise
 
 

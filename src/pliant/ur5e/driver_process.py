@@ -44,6 +44,7 @@ def serve(pipe: Connection, configuration: Configuration) -> None:
     """Do requests until the other side says goodbye or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the trial, which halts the arm
     driver = _Driver(pipe, configuration)
+    _say(pipe, m.Alive())  # Python and the libraries have taken their time
     try:
         driver.serve()
     except RobotFault as fault:
@@ -160,28 +161,28 @@ class _Driver:
         target = self._base_of_task @ _transform(request.pose)
         limit = request.stop_at_compression_m
         limit -= compression.allowance(speed, stop_m_s2, _LATENCY_S)
-        samples = _Samples()
         started = self._measured()
+        samples = _Samples()
         samples.take(started, compression.now)
-        peak = floor = compression.now
+        floor = compression.now
         is_reached = True
         arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
         while arm.is_moving():
             self._look()
-            peak, floor = max(peak, compression.now), min(floor, compression.now)
+            floor = min(floor, compression.now)
             samples.take_if_due(self._now(), compression.now)
             # Where the wrist is pressed past the limit already, a motion may only relieve it.
             if is_reached and compression.now > max(limit, floor + compression.margin):
                 is_reached = False
                 arm.stop()
-        peak = max(peak, self._come_to_rest())
+        self._come_to_rest(samples)
         ended = self._measured()
         samples.take(ended, compression.now)
         if is_reached:
             self._verify(target)
         return m.Moved(
             is_reached=is_reached,
-            peak_compression_m=peak,
+            peak_compression_m=samples.peak_m,
             started_s=started.time_s,
             ended=ended,
             times_s=np.array(samples.times_s),
@@ -189,18 +190,18 @@ class _Driver:
             compressions_m=np.array(samples.compressions_m),
         )
 
-    def _come_to_rest(self) -> float:
-        """Brake what moves and wait until the arm is still; the highest compression meanwhile."""
-        arm, peak = self._here, self._compression.now
+    def _come_to_rest(self, samples: "_Samples | None" = None) -> None:
+        """Brake what moves and wait until the arm is still."""
+        arm = self._here
         if arm.is_moving():
             arm.stop()
         give_up = arm.time_s() + _REST_S
         while arm.is_moving() or not arm.is_still():
             self._look()
-            peak = max(peak, self._compression.now)
+            if samples is not None:
+                samples.take_if_due(self._now(), self._compression.now)
             if arm.time_s() > give_up:
                 raise RobotFault("not_reached", "the arm does not come to rest")
-        return peak
 
     def _verify(self, target: Transform) -> None:
         """A motion that was ended by something else also reads as finished."""
@@ -262,19 +263,22 @@ class _Driver:
 
 
 class _Samples:
-    """A trace while it is being taken."""
+    """A trace while it is being taken, and the highest compression of all looks."""
 
     def __init__(self) -> None:
         self.times_s: list[float] = []
         self.poses: list[list[float]] = []
         self.compressions_m: list[float] = []
+        self.peak_m = -math.inf
 
     def take(self, at: m.Measured, compression_m: float) -> None:
+        self.peak_m = max(self.peak_m, compression_m)
         self.times_s.append(at.time_s)
         self.poses.append([at.pose[axis] for axis in Axis])
         self.compressions_m.append(compression_m)
 
     def take_if_due(self, at: m.Measured, compression_m: float) -> None:
+        self.peak_m = max(self.peak_m, compression_m)
         if at.time_s >= self.times_s[-1] + _SAMPLE_S - LOOK_S / 2:
             self.take(at, compression_m)
 

@@ -62,7 +62,12 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
                 "position_mm": [v * 1e3 for v in side["position"]],
                 "rotation_deg": [math.degrees(v) for v in angles_from(np.array(side["rotation"]))],
             },
-            "patience": {"stamp_ms": 900, "driver_ms": 1400, "gripper_ms": 900},
+            "patience": {
+                "stamp_ms": 900,
+                "driver_ms": 1400,
+                "gripper_ms": 900,
+                "connect_ms": 30_000,
+            },
             "emulator": {"admin_port": admin_port},
         }
     )
