@@ -1,8 +1,15 @@
 """The option `--cell`: which cell a command uses."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from pliant.cell import Workcell
 from pliant.experiment.where import Where
+
+if TYPE_CHECKING:
+    from pliant.ur5e.cell import Operator
 
 
 def where(cell: str) -> Where:
@@ -14,3 +21,15 @@ def where(cell: str) -> Where:
     chosen = Where(file=None if cell == "sim" else Path(cell))
     _ = chosen.configuration  # refuses before anything else is done
     return chosen
+
+
+@contextmanager
+def opened(chosen: Where, operator: "Operator | None" = None) -> Iterator[Workcell]:
+    """The cell, which is disconnected at the end of this context."""
+    workcell = chosen.open(operator)
+    try:
+        yield workcell
+    finally:
+        close = getattr(workcell, "close", None)
+        if close is not None:
+            close()

@@ -1,0 +1,108 @@
+"""`pliant teach`: goals by keyboard, in the terminal."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+from rich.console import Console
+from rich.live import Live
+
+from pliant.cell import Observation
+from pliant.cli.cells import opened, where
+from pliant.errors import InputError, RobotFault
+from pliant.task import Setup, Task, load_task, shipped_pegs
+from pliant.vision.scene import Scene
+
+
+def teach(
+    *,
+    cell: str = "sim",
+    peg: str = "circle",
+    goals: Path = Path("goals/goals.yaml"),
+    picture: Path | None = None,
+) -> int:
+    """Teach the goals of the five contact formations with keys: they move the arm in small steps,
+    and Enter records pose and picture. That is kept at once: the same command goes on with it.
+
+    Args:
+        cell: sim, or the path of a cell's file.
+        peg: the peg in the gripper: circle, square, rectangle, or the path of a peg file (.yaml).
+        goals: the file to write, for `pliant run --goals`; in a folder of its own.
+        picture: keep the latest picture, with its measurement, in this file (.png).
+    """
+    from pliant.commissioning.operator import AtTerminal
+    from pliant.commissioning.teach import CONTACT_SPEED, Place, Teacher
+    from pliant.commissioning.teach import teach as go_on
+    from pliant.commissioning.terminal import check_terminal, single_keys
+
+    task, chosen = load_task(peg), where(cell)
+    place = Place(
+        out=goals,
+        cell=cell if chosen.file is None else str(chosen.file.resolve()),
+        peg=peg if peg in shipped_pegs() else str(Path(peg).resolve()),
+    )
+    place.check()
+    check_terminal()
+    given = chosen.configuration
+    speed = CONTACT_SPEED if given is None else given.limits.contact_speed_mm_s * 1e-3
+    console = Console(highlight=False, soft_wrap=True)
+    title = f"pliant teach: {task.peg.name} peg, cell {cell}, for {goals}"
+    status = 1
+    try:
+        with opened(chosen, AtTerminal(console)) as workcell:
+            console.print("preparing the cell ...")
+            with workcell.prepare(task, Setup(seed=0)) as robot, single_keys() as keys:
+                teacher = Teacher(
+                    robot,
+                    task,
+                    place,
+                    limits=chosen.limits,
+                    speed_m_s=speed,
+                    colours=chosen.colours,
+                )
+                with Live(console=console, screen=True, auto_refresh=False) as live:
+                    is_written = go_on(teacher, keys, _shower(live, title, task, picture))
+        if is_written:
+            console.print(f"goals: {goals}", markup=False)
+            return 0
+    except RobotFault as fault:
+        console.print(f"{fault.end_reason}: {fault}", markup=False)
+    except KeyboardInterrupt:
+        status = 130
+    taught = (
+        f"{len({record.formation for record in place.draft.load()})} of 5 formations are taught"
+    )
+    console.print(f"halted; {taught}, and the same command goes on")
+    return status
+
+
+def _shower(live: Live, title: str, task: Task, picture: Path | None) -> Callable[..., None]:
+    from pliant.commissioning import screen
+    from pliant.commissioning.session import Session
+    from pliant.report import overlay
+
+    def show(session: Session, observation: Observation, scene: Scene) -> None:
+        size = live.console.size
+        live.update(
+            screen.render(session, observation, scene, title=title, size=(size.width, size.height)),
+            refresh=True,
+        )
+        if picture is not None:
+            drawn = overlay.draw(observation.views["side"], scene, task)
+            _replace(
+                picture, cv2.imencode(".png", cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR))[1].tobytes()
+            )
+
+    return show
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Whoever has the file open never sees half a picture."""
+    partial = path.with_name(f".{path.name}.part")
+    try:
+        partial.write_bytes(data)
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"'{path}' cannot be written ({error.strerror}): choose another --picture"
+        ) from error

@@ -1,0 +1,96 @@
+"""The person at a real cell during an experiment: told what to place where, asked how it went."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.prompt import Prompt
+
+from pliant.cell import Truth
+from pliant.commissioning.operator import AtTerminal
+from pliant.errors import RobotFault
+from pliant.experiment.one import Spec
+from pliant.records import Trial
+from pliant.task import Setup, Task
+
+_LABELS = {"y": True, "n": False, "u": None}
+
+
+class Attending(AtTerminal):
+    """Asks at the terminal. Stopping is always an answer: what is finished is kept."""
+
+    def __init__(self, console: Console | None = None, *, one_trial: bool = False) -> None:
+        """`one_trial`: there is no later one to go on to."""
+        self._asked = console or Console(stderr=True, highlight=False)
+        super().__init__(self._asked)
+        self._one_trial = one_trial
+        self._hole_y = math.nan
+        self._has_left = False
+
+    def begin(self, spec: Spec) -> None:
+        """Raises KeyboardInterrupt when the person has said that this is all."""
+        if self._has_left:
+            raise KeyboardInterrupt
+        self._asked.print(f"\n[bold]{spec.condition.name}[/], trial with seed {spec.seed}")
+
+    def place(self, task: Task, setup: Setup) -> None:
+        """Raises RobotFault "skipped" or "interrupted" when it is not done."""
+        self._hole_y = setup.hole_y
+        self._asked.print(f"  peg    {task.peg.name}, fresh in the gripper")
+        self._asked.print(f"  hole   {hole_in_words(setup.hole_y)}")
+        self._asked.print(f"  grasp  {grasp_in_words(setup.grasp_roll)}")
+        choices = {"y": "it is placed", "s": "skip this trial for now", "q": "stop here"}
+        if self._one_trial:
+            del choices["s"]
+        answer = self._choice("Is it placed?", choices, at_the_end="q")
+        if answer == "s":
+            raise RobotFault("skipped", "the operator left it for later")
+        if answer == "q":
+            raise RobotFault("interrupted", "the operator stopped")
+
+    def truth(self) -> Truth:
+        """Where the hole is; the rest is not known until somebody labels it."""
+        return replace(super().truth(), hole_y=self._hole_y)
+
+    def label(self, trial: Trial, picture: Path) -> bool | None:
+        """What the person sees. Whoever leaves instead of answering has not labelled it, and there
+        is no next trial."""
+        if trial.fault:
+            self._asked.print(f"ended by {trial.end_reason}: {trial.fault}", markup=False)
+        self._asked.print(f"last picture: {picture}", markup=False, soft_wrap=True)
+        choices = {"y": "10 mm deep or more", "n": "no", "u": "unknown: label it later"}
+        answer = self._choice("Is the peg inserted?", choices, at_the_end="")
+        self._has_left = not answer
+        inserted = _LABELS[answer or "u"]
+        judged = "inserted" if trial.judged else "not inserted"
+        self._asked.print(f"judged {judged} ({trial.end_reason})", markup=False)
+        return inserted
+
+    def _choice(self, question: str, choices: dict[str, str], at_the_end: str) -> str:
+        """One of the keys of `choices`; `at_the_end` when the person or the terminal leaves."""
+        named = ", ".join(f"{key}: {meaning}" for key, meaning in choices.items())
+        try:
+            return Prompt.ask(f"{question} ({named})", console=self._asked, choices=list(choices))
+        except (EOFError, KeyboardInterrupt):
+            self._asked.print()
+            return at_the_end
+
+
+def hole_in_words(y: float) -> str:
+    """Where the hole is to be, y [m], for a person beside the board."""
+    if round(y * 1e3, 1) == 0:
+        return "at its nominal place"
+    picture, robot = ("right", "left") if y > 0 else ("left", "right")
+    return (
+        f"{abs(y) * 1e3:.1f} mm from its nominal place, to the {picture} in the camera's picture"
+        f" (the robot's {robot})"
+    )
+
+
+def grasp_in_words(roll: float) -> str:
+    """How the peg is to be gripped, roll [rad]."""
+    if round(math.degrees(roll), 1) == 0:
+        return "straight"
+    side = "right" if roll > 0 else "left"
+    return f"{abs(math.degrees(roll)):.1f}°, the peg's tip to the {side} in the camera's picture"

@@ -1,0 +1,134 @@
+"""What has been taught so far, on the disk after every record, so that teaching can be resumed."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from pliant.cell import Camera, View
+from pliant.commissioning.session import Record
+from pliant.errors import InputError
+from pliant.formations import Formation
+from pliant.pose import Axis, Pose
+
+SCHEMA = 1
+_FILE = "draft.yaml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draft:
+    """A folder beside the goals file to be: YAML and a picture per record, lengths in metres."""
+
+    folder: Path
+    cell: str
+    peg: str
+
+    def load(self) -> tuple[Record, ...]:
+        """What was recorded, oldest first; nothing if there is no draft.
+
+        Raises:
+            InputError: the draft is broken, or of another cell or peg.
+        """
+        path = self.folder / _FILE
+        if not path.exists():
+            return ()
+        try:
+            document = yaml.safe_load(path.read_text())
+            if document["schema"] != SCHEMA:
+                raise ValueError(f"its schema is not {SCHEMA}")
+            for name, mine in (("cell", self.cell), ("peg", self.peg)):
+                if document[name] != mine:
+                    raise InputError(
+                        f"the draft '{self.folder}' has {name} '{document[name]}', not '{mine}': go"
+                        " on with that, or remove the folder"
+                    )
+            return tuple(self._record(entry) for entry in document["records"])
+        except InputError:
+            raise
+        except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"the draft '{path}' cannot be used ({_one_line(error)}): remove its folder to"
+                " begin anew"
+            ) from error
+
+    def save(self, log: tuple[Record, ...]) -> None:
+        """Keep these records, all or nothing.
+
+        Raises:
+            InputError: they cannot be written.
+        """
+        path = self.folder / _FILE
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            entries = [self._entry(index, record) for index, record in enumerate(log)]
+            document = {
+                "schema": SCHEMA,
+                "cell": self.cell,
+                "peg": self.peg,
+                "records": entries,
+            }
+            partial = path.with_suffix(".part")
+            partial.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
+            partial.replace(path)
+        except OSError as error:
+            raise InputError(
+                f"the draft '{path}' cannot be written ({error.strerror}): choose another folder"
+            ) from error
+
+    def remove(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _entry(self, index: int, record: Record) -> dict[str, Any]:
+        picture = f"{index}-{record.formation}.png"
+        bgr = cv2.cvtColor(record.view.image, cv2.COLOR_RGB2BGR)
+        (self.folder / picture).write_bytes(cv2.imencode(".png", bgr)[1].tobytes())
+        camera = record.view.camera
+        return {
+            "formation": str(record.formation),
+            "goal": [record.goal[axis] for axis in Axis],
+            "pose": [record.pose[axis] for axis in Axis],
+            "picture": picture,
+            "camera": {
+                "name": camera.name,
+                "width": camera.width,
+                "height": camera.height,
+                "focal_px": camera.focal_px,
+                "position": camera.position.tolist(),
+                "rotation": camera.rotation.tolist(),
+            },
+        }
+
+    def _record(self, entry: dict[str, Any]) -> Record:
+        data = np.frombuffer((self.folder / entry["picture"]).read_bytes(), np.uint8)
+        bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        if bgr is None:
+            raise ValueError(f"{entry['picture']} is no picture")
+        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        return Record(
+            formation=Formation(entry["formation"]),
+            goal=_pose(entry["goal"]),
+            pose=_pose(entry["pose"]),
+            view=View(camera=_camera(entry["camera"]), time_s=0.0, image=image),
+        )
+
+
+def _pose(values: list[float]) -> Pose:
+    return Pose().updated(dict(zip(Axis, values, strict=True)))
+
+
+def _camera(entry: dict[str, Any]) -> Camera:
+    return Camera(
+        **{
+            **entry,
+            "position": np.array(entry["position"], dtype=float),
+            "rotation": np.array(entry["rotation"], dtype=float),
+        }
+    )
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

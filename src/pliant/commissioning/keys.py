@@ -1,0 +1,135 @@
+"""What the keys of `pliant teach` mean, and how a terminal's bytes become keys.
+
+Letters count without regard to case, so that Caps Lock turns no motion around.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from pliant.pose import Axis
+
+
+class Do(StrEnum):
+    """What a person may ask for besides a step along an axis."""
+
+    RECORD = "record"
+    UNDO = "undo"
+    NEXT = "next"
+    BACK = "back"
+    GO = "go"
+    KEEP = "keep"
+    TARE = "tare"
+    GUIDE = "guide"
+    QUIT = "quit"
+
+
+@dataclass(frozen=True)
+class Jog:
+    """One step along or about an axis, forward (1) or backward (-1)."""
+
+    axis: Axis
+    sign: int
+
+
+@dataclass(frozen=True)
+class StepOf:
+    """From now on, lengths or angles go by this much [mm or deg]."""
+
+    size: float
+    is_angle: bool
+
+
+Intent = Do | Jog | StepOf
+
+LENGTHS_MM = (0.5, 2.0, 10.0)
+ANGLES_DEG = (0.5, 2.0)
+
+INTENTS: Mapping[str, Intent] = {
+    "a": Jog(Axis.Y, -1),
+    "d": Jog(Axis.Y, 1),
+    "w": Jog(Axis.Z, 1),
+    "s": Jog(Axis.Z, -1),
+    "left": Jog(Axis.Y, -1),
+    "right": Jog(Axis.Y, 1),
+    "up": Jog(Axis.Z, 1),
+    "down": Jog(Axis.Z, -1),
+    ",": Jog(Axis.ROLL, 1),
+    ".": Jog(Axis.ROLL, -1),
+    "x": Jog(Axis.X, -1),
+    "c": Jog(Axis.X, 1),
+    "i": Jog(Axis.PITCH, 1),
+    "k": Jog(Axis.PITCH, -1),
+    "j": Jog(Axis.YAW, 1),
+    "l": Jog(Axis.YAW, -1),
+    "1": StepOf(LENGTHS_MM[0], False),
+    "2": StepOf(LENGTHS_MM[1], False),
+    "3": StepOf(LENGTHS_MM[2], False),
+    "4": StepOf(ANGLES_DEG[0], True),
+    "5": StepOf(ANGLES_DEG[1], True),
+    "enter": Do.RECORD,
+    "u": Do.UNDO,
+    "n": Do.NEXT,
+    "b": Do.BACK,
+    "g": Do.GO,
+    "=": Do.KEEP,
+    "0": Do.TARE,
+    "f": Do.GUIDE,
+    "q": Do.QUIT,
+}
+
+HELP = (
+    ("← → a d", "y"),
+    ("↑ ↓ w s", "z"),
+    (", .", "roll: lean left, right"),
+    ("x c  i k  j l", "x, pitch, yaw"),
+    ("1 2 3", "0.5, 2, 10 mm"),
+    ("4 5", "0.5, 2 deg"),
+    ("Enter", "record"),
+    ("u", "undo"),
+    ("n b", "next, previous"),
+    ("g", "go to the recorded pose"),
+    ("=", "put back what this formation keeps"),
+    ("0", "tare"),
+    ("f", "freedrive"),
+    ("q Ctrl-C", "halt and end"),
+)
+
+_ESCAPE = b"\x1b"
+_ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
+
+
+def split(data: bytes) -> tuple[list[str], bytes]:
+    """The keys in what a terminal sent, and the beginning of an escape sequence that is not whole
+    yet. A key without a meaning is ""."""
+    keys: list[str] = []
+    while data:
+        if data[:1] == _ESCAPE:
+            length = _escape_length(data)
+            if length is None:
+                break
+            keys.append(_ARROWS.get(data[2:3], "") if length == 3 else "")
+        else:
+            length = 1
+            keys.append(_plain(data[0]))
+        data = data[length:]
+    return keys, data
+
+
+def _plain(byte: int) -> str:
+    if byte in (10, 13):
+        return "enter"
+    return chr(byte).lower() if 32 < byte < 127 else ""
+
+
+def _escape_length(data: bytes) -> int | None:
+    """Of the sequence that `data` begins with: ESC [ parameters, then a letter or ~; ESC O letter;
+    ESC and a key. None: more is to come."""
+    if len(data) < 2:
+        return None
+    if data[1:2] not in (b"[", b"O"):
+        return 2
+    for at in range(2, len(data)):
+        if 0x40 <= data[at] <= 0x7E:
+            return at + 1
+    return None

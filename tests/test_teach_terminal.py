@@ -1,0 +1,148 @@
+"""`pliant teach` in a real terminal: real keys teach goals that then insert."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from a_terminal import Terminal
+from teach_keys import PRESSES
+
+from pliant.formations import Formation
+
+PLIANT = Path(sys.executable).parent / "pliant"
+MOVES = {
+    "a": ("y", -1),
+    "d": ("y", 1),
+    "s": ("z", -1),
+    "w": ("z", 1),
+    ",": ("roll", 1),
+    "\x1b[B": ("z", -1),
+}
+LENGTHS = {"1": 0.5, "2": 2.0, "3": 10.0}
+
+
+def shows(axis: str, set_point: float) -> str:
+    """The row of the table that an axis has."""
+    return rf"(?m)^{axis} +{set_point:.1f} "
+
+
+class Hands:
+    """Press a key, wait until the screen shows what it must have done, press the next."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self.terminal = terminal
+        self.at = {"y": 0.0, "z": 243.8, "roll": 0.0}
+        self.length = 2.0
+        terminal.until(shows("z", 243.8))
+
+    def press(self, keys: Sequence[str]) -> None:
+        for key in keys:
+            self.terminal.press(key)
+            if key in LENGTHS:
+                self.length = LENGTHS[key]
+                self.terminal.until(rf"(?m)^y .* {self.length:g} mm")
+            elif key in MOVES:
+                axis, sign = MOVES[key]
+                self.at[axis] += sign * (2.0 if axis == "roll" else self.length)
+                self.terminal.until(shows(axis, self.at[axis]))
+
+    def teach(self, name: str, goal: str, keys: Sequence[str]) -> None:
+        self.press(keys)
+        self.terminal.press("\r")
+        self.terminal.until(f"{name} recorded: {goal}")
+
+    def retrace(self, name: str, at: dict[str, float]) -> None:
+        """Go to what was recorded for a formation, and on to the next."""
+        self.terminal.until(f"▶ {name}")
+        self.terminal.press("g")
+        self.at |= at
+        for axis, value in self.at.items():
+            self.terminal.until(shows(axis, value))
+        self.terminal.press("n")
+
+
+def test_goals_taught_with_keys_over_two_sessions_insert_the_peg(tmp_path: Path) -> None:
+    goals, latest = tmp_path / "taught" / "goals.yaml", tmp_path / "latest.png"
+    command = list(map(str, [PLIANT, "teach", "--goals", goals, "--picture", latest]))
+    with Terminal(command) as terminal:
+        hands = Hands(terminal)
+        for name, goal, keys in PRESSES[:3]:
+            hands.teach(name, goal, keys)
+        terminal.press("\x03")
+        status, said = terminal.ended()
+        assert status == 130, said
+        assert "3 of 5 formations are taught, and the same command goes on" in said
+        assert terminal.attributes == terminal.before
+    assert not goals.exists()
+    with Terminal(command) as terminal:
+        hands = Hands(terminal)
+        terminal.until("going on: 3 of 5 are taught")
+        for _ in range(3):
+            terminal.press("b")
+        hands.retrace("approach", {"y": 26.0, "z": 213.8, "roll": 10.0})
+        hands.retrace("contact", {"z": 187.8})
+        hands.retrace("fit", {"y": -35.0})
+        for name, goal, keys in PRESSES[3:]:
+            hands.teach(name, goal, keys)
+        terminal.until("Enter writes the goals")
+        terminal.press("\r")
+        status, said = terminal.ended()
+        assert status == 0, said
+        assert terminal.attributes == terminal.before
+    assert latest.read_bytes().startswith(b"\x89PNG")
+    files = {"goals.yaml", *(f"{formation}.png" for formation in Formation)}
+    assert {p.name for p in goals.parent.iterdir()} == files  # the draft is gone
+    words = [
+        "run",
+        "--condition",
+        "none",
+        "--no-video",
+        "--goals",
+        goals,
+        "--out",
+        tmp_path / "run",
+    ]
+    run = [str(PLIANT), *map(str, words)]
+    done = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 2
+    assert "goals are not overwritten" in again.stderr
+
+
+def test_arrow_keys_move_and_a_burst_of_keys_moves_once(tmp_path: Path) -> None:
+    with Terminal([PLIANT, "teach", "--goals", tmp_path / "goals.yaml"]) as terminal:
+        hands = Hands(terminal)
+        hands.press(["\x1b[B"])
+        terminal.press("dddddddddd")
+        terminal.until(shows("y", 2.0))
+        hands.at["y"] = 2.0
+        hands.press(["w"])
+        assert "not moved" not in terminal.until(shows("y", 2.0))
+        terminal.press("q")
+        status, said = terminal.ended()
+        assert status == 1, said
+        assert "0 of 5 formations are taught" in said
+
+
+def test_a_request_to_end_puts_the_terminal_back(tmp_path: Path) -> None:
+    with Terminal([PLIANT, "teach", "--goals", tmp_path / "goals.yaml"]) as terminal:
+        Hands(terminal)
+        assert terminal.attributes != terminal.before
+        os.kill(terminal.process.pid, signal.SIGTERM)
+        status, said = terminal.ended()
+        assert status == 130, said
+        assert terminal.attributes == terminal.before
+
+
+def test_without_a_terminal_teaching_is_refused_in_one_line(tmp_path: Path) -> None:
+    command = list(map(str, [PLIANT, "teach", "--goals", tmp_path / "goals.yaml"]))
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+    )
+    assert done.returncode == 2
+    assert "this is none: use ssh -t" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
