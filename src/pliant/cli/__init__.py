@@ -8,6 +8,7 @@ from pliant.cli.experiment import experiment
 from pliant.cli.export import export
 from pliant.cli.run import run
 from pliant.cli.tables import tables
+from pliant.cli.teach import teach
 from pliant.cli.view import view
 from pliant.errors import PliantError
 
@@ -23,6 +24,7 @@ def main() -> None:
                     "run": run,
                     "experiment": experiment,
                     "tables": tables,
+                    "teach": teach,
                     "view": view,
                     "export": export,
                 },
