@@ -22,7 +22,10 @@ class Bold(Rules):
         if first.formation is not Formation.FIT or first.retreat:
             return planned
         further = Step(formation=Formation.FIT, goal={Axis.Y: first.goal[Axis.Y] - 0.006})
-        return replace(planned, steps=(further, *rest), by="bold")
+        told = planned.analysis
+        motion = {Axis.Y: told.motion[Axis.Y] - 0.006}
+        analysis = replace(told, how=f"{told.how}, and 6 mm further", motion=motion)
+        return replace(planned, analysis=analysis, steps=(further, *rest), by="bold")
 
 
 if __name__ == "__main__":
