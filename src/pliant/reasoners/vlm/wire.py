@@ -2,7 +2,6 @@
 bounded number of times, recorded or replayed, and written down for the trial's record."""
 
 import asyncio
-import json
 import math
 import time
 from collections.abc import Iterable
@@ -133,10 +132,10 @@ class Wire(WrapperModel):
         try:
             response = await self._tried(messages, model_settings, model_request_parameters)
             latency_s = _since(started)
-            message = RESPONSE.dump_json(_cut(response, _CHARACTERS * self._reply_tokens))
-            kept = json.loads(without_keys(message.decode()))
-            RESPONSE.validate_python(kept)  # what is recorded can be read again
-            reply = Reply(message=kept, error="", latency_s=latency_s)
+            said = RESPONSE.validate_json(without_keys(RESPONSE.dump_json(response).decode()))
+            said = _cut(said, _CHARACTERS * self.budget.settings.reply_tokens)
+            message = RESPONSE.dump_python(said, mode="json")
+            reply = Reply(message=message, error="", latency_s=latency_s)
         except asyncio.CancelledError:
             self._failed(request, messages, "no reply before the deadline", started)
             raise
@@ -165,10 +164,6 @@ class Wire(WrapperModel):
                     raise
                 await asyncio.sleep(pause)
         raise AssertionError("the last try returns or raises")
-
-    @property
-    def _reply_tokens(self) -> int:
-        return self.budget.settings.reply_tokens
 
     def _answered(
         self, messages: list[ModelMessage], reply: Reply, same_pictures: bool

@@ -29,4 +29,4 @@ def without_keys(text: str) -> str:
 
 def one_line(text: str) -> str:
     """The text in one line of bounded length."""
-    return " ".join(printable(without_keys(text[: 4 * _MOST_LINE])).split())[:_MOST_LINE]
+    return " ".join(printable(without_keys(text)[: 4 * _MOST_LINE]).split())[:_MOST_LINE]
