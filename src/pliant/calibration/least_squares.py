@@ -14,7 +14,7 @@ Vector = NDArray[np.float64]
 Residuals = Callable[[Vector], Vector]
 
 _STEPS = 60
-_ENOUGH = 1e-7  # relative improvement that is none
+_ENOUGH = 1e-4  # relative improvement that is none
 _MOST_DAMPED = 1e9
 
 

@@ -4,6 +4,7 @@ import sys
 
 import tyro
 
+from pliant.cli.calibrate import calibrate
 from pliant.cli.experiment import experiment
 from pliant.cli.export import export
 from pliant.cli.run import run
@@ -25,6 +26,7 @@ def main() -> None:
                     "experiment": experiment,
                     "tables": tables,
                     "teach": teach,
+                    "calibrate": calibrate,
                     "view": view,
                     "export": export,
                 },

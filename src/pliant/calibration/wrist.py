@@ -1,0 +1,157 @@
+"""How stiff the wrist is: press the peg on the board in small steps of the arm, and release it.
+
+The arm is stiff and knows how far it went, so each millimetre past the touch is a millimetre of
+compression. What the cell reports instead, through the stiffness and sign it believes in, tells the
+true ones. How far the arm goes is bounded by position, whatever the force seems to be.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.envelope import Guarded
+from pliant.errors import InputError
+from pliant.pose import Axis, Pose
+from pliant.task import Task
+
+LEAST_SLOPE = 0.05  # of reported over real compression: less is none
+WORST_DEVIATION = 0.05  # of the force's range: the worst rms about the line
+WORST_HYSTERESIS = 0.15  # likewise, between pressing and releasing
+
+_BESIDE = Pose(x=0.025, y=-0.040)  # on the board, whatever peg, clear of the hole
+_ABOVE_M = 0.020  # of the nominal touch: the wrist hangs lower by its sag
+_BELOW_M = 0.004  # of the nominal touch: no lower, also where nothing is felt
+_ENOUGH_M = 0.006  # reported compression that ends the pressing
+_STEP_M = 0.0005
+_SPEED_M_S = 0.005
+_LIMIT_M = 0.012
+_SETTLE_S = 0.25
+_CYCLES = 3
+_FELT = 0.3  # of the highest reading: beyond it the peg stands flat
+_LEAST_READINGS = 4  # beyond it, each way
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Press:
+    """Readings: the hinge point's height [m], the reported compression [m], and the direction."""
+
+    height_m: NDArray[np.float64] = field(repr=False)  # (n,)
+    compression_m: NDArray[np.float64] = field(repr=False)  # (n,)
+    is_release: NDArray[np.bool_] = field(repr=False)  # (n,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WristFound:
+    """The wrist's response. Forces are fractions of the highest, so that no unit is assumed."""
+
+    stiffness_n_m: float
+    sd_n_m: float
+    sign: int  # -1: the cell takes pressing for pulling
+    touch_m: float  # the hinge point's height when the tip touches the board
+    deviation: float  # rms about the line, over the force's range
+    hysteresis: float  # mean gap between pressing and releasing, over the force's range
+
+    def problem(self) -> str | None:
+        """Why it is too poor to be used, and what to do; None: it is good."""
+        if self.deviation > WORST_DEVIATION:
+            return (
+                f"force and travel are not in proportion: {self.deviation:.0%} of the range off a"
+                f" line, more than {WORST_DEVIATION:.0%}: check that the peg stands on the board,"
+                " does not slip in the grasp, and that nothing else touches"
+            )
+        if self.hysteresis > WORST_HYSTERESIS:
+            return (
+                f"pressing and releasing differ by {self.hysteresis:.0%} of the force, more than"
+                f" {WORST_HYSTERESIS:.0%}: check that the peg does not slip, and the springs"
+            )
+        return None
+
+
+def press(
+    robot: Guarded, task: Task, tell: Callable[[float, float], None] = lambda z, c: None
+) -> Press:
+    """Press beside the hole and release, three times. Ends above the board.
+
+    Raises:
+        RobotFault: the robot's own.
+    """
+    start = _BESIDE.updated({Axis.Z: task.tip_below_hinge + _ABOVE_M})
+    lowest = task.tip_below_hinge - _BELOW_M
+    here = robot.observe(cameras=()).pose
+    lifted = Pose(x=here.x, y=here.y, z=max(here.z, start.z + 0.02))
+    for pose in (lifted, start.updated({Axis.Z: lifted.z}), start):
+        robot.move_to(pose, speed_m_s=0.05, stop_at_compression_m=_LIMIT_M)
+    robot.settle(3.0)
+    robot.tare()
+    heights: list[float] = []
+    compressions: list[float] = []
+    releases: list[bool] = []
+
+    def go(z: float, is_release: bool) -> float:
+        pose = start.updated({Axis.Z: z})
+        robot.move_to(pose, speed_m_s=_SPEED_M_S, stop_at_compression_m=_LIMIT_M)
+        robot.settle(_SETTLE_S)
+        seen = robot.observe(cameras=())
+        heights.append(seen.pose.z)
+        compressions.append(seen.compression_m)
+        releases.append(is_release)
+        tell(seen.pose.z, seen.compression_m)
+        return seen.compression_m
+
+    top = start.z
+    for _ in range(_CYCLES):
+        z = top
+        while z - _STEP_M > lowest and abs(go(z, False)) < _ENOUGH_M:
+            z -= _STEP_M
+        while z < top and (abs(go(z, True)) > 0.1 * _ENOUGH_M or z < task.tip_below_hinge):
+            z += _STEP_M
+        top = min(top, z + 2 * _STEP_M)  # the way down to the touch is known now
+    robot.move_to(lifted, speed_m_s=0.02, stop_at_compression_m=_LIMIT_M)
+    return Press(
+        height_m=np.array(heights),
+        compression_m=np.array(compressions),
+        is_release=np.array(releases),
+    )
+
+
+def evaluate(pressed: Press, stiffness_n_m: float) -> WristFound:
+    """The stiffness from the readings of a cell that believes in `stiffness_n_m`.
+
+    Raises:
+        InputError: nothing was felt, or too little of it.
+    """
+    height, reading = pressed.height_m, pressed.compression_m
+    top = float(np.max(np.abs(reading)))
+    sign = 1 if abs(np.max(reading)) >= abs(np.min(reading)) else -1
+    reading = sign * reading
+    felt = reading > _FELT * top
+    down, up = felt & ~pressed.is_release, felt & pressed.is_release
+    if top < LEAST_SLOPE * _ENOUGH_M or min(np.sum(down), np.sum(up)) < _LEAST_READINGS:
+        raise InputError(
+            f"pressing was hardly felt: {top * 1e3:.2f} mm of compression reported down to"
+            f" {np.min(height) * 1e3:.1f} mm: check the task frame's z, that wrist.axis is z (the"
+            " tool's axis that stands upright), and the stiffness"
+        )
+    # One slope, a line of its own each way.
+    columns = np.column_stack([-height[felt], ~pressed.is_release[felt], pressed.is_release[felt]])
+    solution, *_ = np.linalg.lstsq(columns.astype(float), reading[felt], rcond=None)
+    slope, offset_down, offset_up = (float(v) for v in solution)
+    off = reading[felt] - columns @ solution
+    variance = float(off @ off) / max(1, len(off) - 3)
+    slope_sd = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[0, 0]))
+    if slope < LEAST_SLOPE:
+        raise InputError(
+            f"a millimetre of pressing reads as {slope:.2f} mm: check that wrist.axis is z (the"
+            " tool's axis that stands upright), and that the peg does not slip in the grasp"
+        )
+    return WristFound(
+        stiffness_n_m=stiffness_n_m * slope,
+        sd_n_m=stiffness_n_m * slope_sd,
+        sign=sign,
+        touch_m=(offset_down + offset_up) / 2 / slope,
+        deviation=math.sqrt(float(np.mean(off**2))) / top,
+        hysteresis=abs(offset_down - offset_up) / top,
+    )
