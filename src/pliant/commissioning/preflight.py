@@ -1,0 +1,271 @@
+"""Whether a cell is ready: each check with what was found and, where it fails, what to do.
+
+Nothing moves the arm. A check that a fault made impossible says so and counts as failed; one that
+does not apply to a cell says that too, and does not count.
+"""
+
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from pliant import teaching
+from pliant.cell import Observation, Robot
+from pliant.commissioning.rehearsal import Commanded, plan_of
+from pliant.errors import InputError, RobotFault
+from pliant.experiment.where import Where
+from pliant.pose import Axis
+from pliant.task import Setup, Task
+from pliant.vision.measure import measure
+from pliant.vision.scene import PegSeen, Scene
+
+DRIFT_M = 0.0005  # of the tared compression
+PAYLOAD_N = 8.0  # that the controller may feel along the wrist in free hang: its sensor's own error
+SURFACE_M, ACROSS_M, HEIGHT_M, WIDTH_M = 0.003, 0.003, 0.006, 0.002  # of a calibration
+HOLE_M = 0.03  # from its nominal place: further than any condition of the paper puts it
+_UPRIGHT = math.radians(2.0)  # of the flange, for the peg's place to be known
+_DRIFT_S = 3.0
+_READINGS = 10
+_GRAVITY = 9.81
+
+
+class State(StrEnum):
+    PASS = "pass"
+    FAIL = "fail"
+    UNKNOWN = "not checked"
+    NONE = "does not apply"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One check: what was found, and what to do about it."""
+
+    check: str
+    state: State
+    found: str
+    advice: str = ""
+
+    @property
+    def is_good(self) -> bool:
+        return self.state in (State.PASS, State.NONE)
+
+
+_OF_ARM = ("connection", "mode", "safety status", "gripper", "payload", "camera")
+_WITH_ROBOT = ("tare drift", "picture", "calibration")
+
+_CHECK_OF_FAULT = {
+    "power_off": "mode",
+    "program_stopped": "mode",
+    "protective_stop": "safety status",
+    "emergency_stop": "safety status",
+    "safeguard_stop": "safety status",
+    "gripper": "gripper",
+    "camera": "camera",
+}
+"""Which check a fault's kind fails; any other fails the connection."""
+
+_ADVICE = {
+    "connection": "is the controller on, the cable in, arm.address right, the arm in remote"
+    " control, and no other program connected?",
+    "mode": "power on and release the brakes at the pendant, in remote control",
+    "safety status": "look at the cell; release the stop at the pendant when it is safe",
+    "gripper": "activate it at the pendant, close it on the peg; gripper.port; null if there is"
+    " none",
+    "payload": "the tool must hang free and upright; then correct payload.mass_kg and center_mm",
+    "camera": "is it connected, not in use, and camera.source, where, width and height right?",
+    "tare drift": "wait until the arm is warm and the tool at rest, in free hang",
+    "picture": "peg and block must be in the picture, in good light: look at it with pliant teach,"
+    " then pick the colours with pliant calibrate",
+    "calibration": "pliant calibrate",
+    "goals": "teach them in this cell with pliant teach, or widen the workspace",
+}
+
+
+def check(where: Where, task: Task) -> list[Finding]:
+    """Every check of a cell, in order.
+
+    Raises:
+        InputError: the cell's file cannot be used, or an extra is missing.
+    """
+    findings: list[Finding] = []
+    try:
+        with _attached(where, task) as robot:
+            findings += _arm(where, robot)
+            findings += _in_the_cell(where, task, robot)
+    except RobotFault as fault:
+        findings += _after(fault, {f.check for f in findings})
+    return [*findings, _goals(where, task)]
+
+
+# --- reaching it ---------------------------------------------------------------------------------
+
+
+@contextmanager
+def _attached(where: Where, task: Task) -> Iterator[Robot]:
+    """The robot as it stands. A simulated or emulated cell is set up first."""
+    configuration = where.configuration
+    with ExitStack() as stack:
+        if configuration is None or configuration.emulator is not None:
+            cell = where.open()
+            stack.callback(getattr(cell, "close", _nothing))
+            robot = cell.prepare(task, Setup(seed=0))
+            if configuration is None:
+                yield stack.enter_context(robot)
+                return
+            stack.pop_all().close()
+        from pliant.ur5e import messages as m
+        from pliant.ur5e.camera import open_camera
+        from pliant.ur5e.driver import Driver
+        from pliant.ur5e.robot import UrRobot
+
+        assert configuration is not None
+        driver = Driver(configuration)
+        stack.callback(driver.close)
+        driver.connect()
+        driver.ask(m.SetUp(holds=configuration.gripper is not None))
+        camera = open_camera(configuration.camera, configuration.patience.picture_ms * 1e-3)
+        stack.callback(camera.close)
+        yield stack.enter_context(UrRobot(configuration, driver, camera, task))
+
+
+def _nothing() -> None:
+    """The cell has nothing to close."""
+
+
+# --- the checks ----------------------------------------------------------------------------------
+
+
+def _arm(where: Where, robot: Robot) -> Iterator[Finding]:
+    """What reaching the robot has shown already, and its payload."""
+    configuration = where.configuration
+    if configuration is None:
+        for name in _OF_ARM:
+            yield Finding(check=name, state=State.NONE, found="the cell is simulated")
+        return
+    yield _passed("connection", configuration.arm.address)
+    yield _passed("mode", "running, the control program too")
+    yield _passed("safety status", "normal")
+    if configuration.gripper is None:
+        yield Finding(check="gripper", state=State.NONE, found="the cell has none")
+    else:
+        yield _passed("gripper", "active, it holds the peg")
+    pressed = _mean_compression(robot)
+    force = pressed * configuration.wrist.stiffness_n_mm * 1e3
+    yield _judged("payload", abs(force) <= PAYLOAD_N, f"{force:+.1f} N along the wrist, untared")
+    yield _passed("camera", f"{configuration.camera.source}, connected")
+
+
+def _in_the_cell(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
+    robot.tare()
+    before = _mean_compression(robot)
+    robot.settle(_DRIFT_S)
+    drift = _mean_compression(robot) - before
+    found = f"{drift * 1e3:+.2f} mm in {_DRIFT_S:g} s, at most {DRIFT_M * 1e3:g}"
+    yield _judged("tare drift", abs(drift) <= DRIFT_M, found)
+    observation = robot.observe()
+    scene = measure(observation.views["side"], task, where.colours)
+    seen = scene.peg is not None and scene.hole is not None
+    yield _judged("picture", seen, "peg and hole" if seen else "; ".join(scene.problems))
+    if seen:
+        yield _calibration(where, task, observation, scene)
+    else:
+        yield _unknown("calibration", "peg and hole are not seen")
+
+
+def _calibration(where: Where, task: Task, observation: Observation, scene: Scene) -> Finding:
+    """The board's surface and the hole near where they must be, and the peg where the arm holds
+    it: across, at the height that the wrist sags to, and as wide as it is."""
+    peg, hole = scene.peg, scene.hole
+    assert peg is not None
+    assert hole is not None
+    pose = observation.pose
+    parts = [
+        ("surface", hole.surface_z.value, SURFACE_M),
+        ("hole", hole.y.value, HOLE_M),
+        ("peg's width", _width(peg, task, observation) - 2 * task.peg.half_extents[1], WIDTH_M),
+    ]
+    if abs(pose.roll) < _UPRIGHT and abs(pose.pitch) < _UPRIGHT:
+        across = peg.tip_y.value - task.tip_below_grasp * math.sin(peg.tilt.value) - pose.y
+        height = peg.tip_z.value - (pose.z - task.tip_below_hinge - _sag(where, task))
+        parts += [("peg across", across, ACROSS_M), ("peg's height", height, HEIGHT_M)]
+    bad = [name for name, off, most in parts if not abs(off) <= most]
+    found = ", ".join(f"{name} {off * 1e3:+.1f}" for name, off, _ in parts)
+    wrong = f"; too far off: {', '.join(bad)}" if bad else ""
+    return _judged("calibration", not bad, f"off by [mm] {found}{wrong}")
+
+
+def _goals(where: Where, task: Task) -> Finding:
+    """Every pose that the taught plan commands, retreats included, lies in the workspace."""
+    path, limits = where.goals, where.limits
+    try:
+        taught = teaching.shipped() if path is None else teaching.load(path, limits)
+        commanded = plan_of(taught.for_task(task), task, limits)
+    except InputError as error:
+        return _judged("goals", False, str(error))
+    outside = [line for line in commanded if _is_outside(line, where)]
+    found = f"{'the shipped ones' if path is None else path}, {len(commanded)} poses"
+    if outside:
+        found = f"{outside[0].formation}: {outside[0].problem}"
+    return _judged("goals", not outside, found)
+
+
+def _is_outside(line: Commanded, where: Where) -> bool:
+    return where.limits.outside({axis: line.pose[axis] for axis in Axis}) is not None
+
+
+# --- inside --------------------------------------------------------------------------------------
+
+
+def _after(fault: RobotFault, done: set[str]) -> list[Finding]:
+    """What a fault means for the checks that have not been made."""
+    failed = _CHECK_OF_FAULT.get(fault.kind, "connection")
+    findings = []
+    if failed in done:  # it happened later than its own check
+        failed = next(name for name in _WITH_ROBOT if name not in done)
+    for name in (*_OF_ARM, *_WITH_ROBOT):
+        if name == failed:
+            findings.append(_judged(name, False, str(fault)))
+        elif name not in done:
+            findings.append(_unknown(name, f"the {failed} comes first"))
+    return findings
+
+
+def _sag(where: Where, task: Task) -> float:
+    """How far the tool hangs below the unsprung wrist [m]."""
+    given = where.configuration
+    if given is not None:
+        return given.payload.mass_kg * _GRAVITY / (given.wrist.stiffness_n_mm * 1e3)
+    from pliant.sim import constants
+
+    return (constants.GRIPPER_MASS + constants.PEG_MASS) * _GRAVITY / task.wrist.stiffness_z
+
+
+def _width(peg: PegSeen, task: Task, observation: Observation) -> float:
+    """The peg's width as the picture shows it [m]."""
+    a, b, c, _ = peg.box_px
+    metres = observation.views["side"].camera.metres_per_pixel(task.peg.silhouette_x)
+    return min(math.dist(a, b), math.dist(b, c)) * metres
+
+
+def _mean_compression(robot: Robot) -> float:
+    readings = []
+    for _ in range(_READINGS):
+        readings.append(robot.observe(cameras=()).compression_m)
+        robot.settle(0.1)
+    return float(np.mean(readings))
+
+
+def _passed(name: str, found: str) -> Finding:
+    return Finding(check=name, state=State.PASS, found=found)
+
+
+def _judged(name: str, good: bool, found: str) -> Finding:
+    state = State.PASS if good else State.FAIL
+    return Finding(check=name, state=state, found=found, advice="" if good else _ADVICE[name])
+
+
+def _unknown(name: str, found: str) -> Finding:
+    return Finding(check=name, state=State.UNKNOWN, found=found)
