@@ -13,10 +13,11 @@ import sys
 from pathlib import Path
 
 from pliant.experiment import paper, tables_text
+from pliant.experiment.bench import table as bench
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduce" / "results"
-DOCUMENTS = ("README.md", "docs/assumptions.md")
+DOCUMENTS = ("README.md", "docs/assumptions.md", "docs/bench-reasoner.md")
 
 
 def block(name: str) -> str:
@@ -24,6 +25,11 @@ def block(name: str) -> str:
     if name == "fit-sensitivity":
         return (RESULTS / "fit_sensitivity.md").read_text().strip()
     run, _, table = name.partition("-")
+    if run == "bench":
+        scores = json.loads((RESULTS / "bench_reasoner.json").read_text())
+        if table in ("kind", "formation"):
+            return bench.grouped(scores, table)
+        return bench.judging(scores) if table == "judging" else bench.planning(scores)
     document = json.loads((RESULTS / f"{run}.json").read_text())
     if table == "transitions":
         return tables_text.table3(document["transitions"], paper.REASONER)

@@ -4,6 +4,7 @@ import sys
 
 import tyro
 
+from pliant.cli.bench_reasoner import bench_reasoner
 from pliant.cli.calibrate import calibrate
 from pliant.cli.experiment import experiment
 from pliant.cli.export import export
@@ -29,6 +30,7 @@ def main() -> None:
                     "calibrate": calibrate,
                     "view": view,
                     "export": export,
+                    "bench-reasoner": bench_reasoner,
                 },
                 prog="pliant",
                 description=_DESCRIPTION,

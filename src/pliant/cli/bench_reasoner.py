@@ -1,0 +1,131 @@
+"""`pliant bench-reasoner`: any reasoner, scored on a fixed set of cases, without a simulator."""
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Self
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from pliant.cli.model import ModelOptions
+from pliant.errors import InputError
+from pliant.experiment.bench import coin, run, table
+from pliant.experiment.bench.cases import SHIPPED, Cases
+from pliant.experiment.bench.marks import Make, Mark
+from pliant.reasoners import VLM, reasoner, vlm
+from pliant.recovery import Reasoner
+from pliant.store import write_bytes
+
+_PLAIN_EVERY_S = 30.0
+
+
+def bench_reasoner(
+    reasoners: Annotated[tuple[str, ...], tyro.conf.Positional],
+    *,
+    cases: Path | None = None,
+    limit: int | None = None,
+    out: Path | None = None,
+    model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
+) -> int:
+    """Score reasoners on the case set: what they accept and reject, and what they plan.
+
+    Args:
+        reasoners: coin, rules, messages, sweep, retry, none, vlm, or your own
+            (path/to/file.py:Class); several are set side by side.
+        cases: a case set of your own in place of the one that ships.
+        limit: only so many cases, from the first.
+        out: also write all scores as JSON to this file.
+        model: the model behind the reasoner vlm; recordings are a folder with a file per case.
+    """
+    chosen = Cases(cases or SHIPPED)
+    makers = _makers(reasoners, model)
+    if out is not None:
+        _check_writable(out)
+    total = len(makers) * (len(chosen) if limit is None else min(limit, len(chosen)))
+    with _Shown(total) as shown:
+        document = run.run(makers, chosen, limit=limit, on_mark=shown.tell)
+    if out is not None:
+        write_bytes(out, (json.dumps(document, indent=1) + "\n").encode())
+    Console(soft_wrap=True).print(table.markdown(document), markup=False, highlight=False, end="")
+    return 0
+
+
+def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
+    """Who is asked, by the name shown. Each is made once here, so that one that cannot be made is
+    refused before anything is asked."""
+    given = [*model.given, *(n for n in ("record", "replay") if getattr(model, n) is not None)]
+    if given and VLM not in names:
+        option = given[0].replace("_", "-")
+        raise InputError(f"--{option} is for a VLM, and no reasoner is one: add vlm to them")
+    makers: dict[str, Make] = {}
+    for name in names:
+        if name == VLM:
+            vlm(model.vlm, replay=_recording(model.replay, "0001"))
+            makers[f"{VLM} ({model.vlm.model})" if model.vlm.model else VLM] = _vlm_for(model)
+        elif name == coin.NAME:
+            makers[name] = lambda case: coin.Coin()
+        else:
+            reasoner(name)
+            makers[name] = lambda case, name=name: reasoner(name)  # type: ignore[misc]
+    return makers
+
+
+def _vlm_for(model: ModelOptions) -> Make:
+    def make(case: str) -> Reasoner:
+        record, replay = (_recording(folder, case) for folder in (model.record, model.replay))
+        return vlm(model.vlm, record=record, replay=replay)
+
+    return make
+
+
+def _recording(folder: Path | None, case: str) -> Path | None:
+    return None if folder is None else folder / f"{case}.jsonl"
+
+
+def _check_writable(out: Path) -> None:
+    """Refuse a file that could not be written, before anything is asked."""
+    folder = next(parent for parent in out.absolute().parents if parent.exists())
+    if out.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise InputError(f"'{out}' cannot be written: choose another file for --out")
+
+
+class _Shown:
+    """How far it is: a bar on a terminal, a plain line now and then elsewhere."""
+
+    def __init__(self, total: int) -> None:
+        self._console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._bar.add_task("cases", total=total)
+        self._total, self._done, self._said = total, 0, time.monotonic()
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def tell(self, name: str, mark: Mark) -> None:
+        self._done += 1
+        self._bar.update(self._task, advance=1, description=name)
+        if not self._console.is_terminal and time.monotonic() - self._said > _PLAIN_EVERY_S:
+            self._said = time.monotonic()
+            self._console.print(f"{name}: {self._done} of {self._total}", highlight=False)

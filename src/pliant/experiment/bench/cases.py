@@ -1,0 +1,290 @@
+"""A case set: cases as reasoners met them in simulated trials, and apart from them the truth.
+
+A set is one zip archive of plain text and pictures:
+
+    cases.jsonl         a case per line, without its goal pictures
+    answers.jsonl       as many lines: what was right, and the truth it follows from
+    teaching.json       the goal pictures and their measurements, once
+    pictures/*.webp     lossless, each named by the hash of its pixels
+
+Cases are thinned: of the pictures only the side view after the execution in question is kept, and
+of a motion's trace the first and the last sample.
+"""
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Set
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from pliant.cell import Motion, Trace, Truth
+from pliant.errors import InputError
+from pliant.experiment.bench.answers import Answer
+from pliant.formations import Formation, Goals
+from pliant.records import SCHEMA, Case, Look, Outcome
+from pliant.store import picture_name, write_bytes
+from pliant.teaching import Teaching
+
+SHIPPED = Path(__file__).with_name("cases.zip")
+SHIPPED_HASH = "21aa4f63b1369db3"
+"""Content hash of the set that ships: figures of different sets do not compare."""
+
+_CASES, _ANSWERS, _TEACHING = "cases.jsonl", "answers.jsonl", "teaching.json"
+_WHENCE = "give a set that reproduce/make_cases.py wrote"
+_AGAIN = "; make the set again"
+_LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # of every member, so that the same set is the same archive
+T = TypeVar("T")
+
+
+class Kind(StrEnum):
+    """What makes a case hard, if anything."""
+
+    PLAIN = "plain"
+    CONFLICT = "conflict"  # a check of the picture is wrong, or pose or compression fail a success
+    NEARLY = "nearly"  # an insertion that ended close to the criterion's depth, on either side
+    STALE = "stale"  # the picture and its measurement are those of an earlier execution
+    MESSAGE = "message"  # Table I's message was exchanged for another of its messages
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """The trial that a case was met in, and after which of its executions."""
+
+    peg: str
+    condition: str
+    seed: int
+    reasoner: str
+    index: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """The experiment's side of a case: what was right, and why. No reasoner sees it."""
+
+    kind: Kind
+    formation: Formation
+    answer: Answer
+    truth: Truth
+    origin: Origin
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Question:
+    """A case with its key, and its name in the set."""
+
+    name: str
+    case: Case = field(repr=False)
+    key: Key
+
+
+@dataclass(frozen=True)
+class Cases:
+    """A case set, read as it is iterated over.
+
+    Raises:
+        InputError: the archive is missing or broken; the message names the line that is.
+    """
+
+    path: Path
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __iter__(self) -> Iterator[Question]:
+        with _opened(self.path) as archive:
+            pictures = _Pictures(archive)
+            teaching = self._teaching(pictures)
+            lines = self._texts[_CASES].splitlines()
+            for number, (line, key) in enumerate(zip(lines, self.keys, strict=True), start=1):
+                where = f"'{self.path}' {_CASES} line {number}"
+                document = _record(line, where)
+                goals = _valid(Goals, document.get("teaching"), where)
+                document["teaching"] = replace(teaching, goals=goals)
+                case = _valid(Case, document, where, pictures)
+                if key.formation is not case.outcome.step.formation:
+                    raise InputError(f"{where}: the answer is to another case{_AGAIN}")
+                yield Question(name=f"{number:04d}", case=case, key=key)
+
+    @cached_property
+    def keys(self) -> tuple[Key, ...]:
+        """The experiment's side of every case, in order."""
+        cases, lines = (self._texts[name].splitlines() for name in (_CASES, _ANSWERS))
+        if len(cases) != len(lines) or not lines:
+            raise InputError(
+                f"'{self.path}' holds {len(cases)} cases and {len(lines)} answers, not as many of"
+                f" each{_AGAIN}"
+            )
+        where = f"'{self.path}' {_ANSWERS} line"
+        return tuple(
+            _valid(Key, _record(line, f"{where} {n}"), f"{where} {n}")
+            for n, line in enumerate(lines, start=1)
+        )
+
+    @cached_property
+    def hash(self) -> str:
+        """Content hash: of the text, which names each picture by the hash of its pixels."""
+        total = hashlib.sha256()
+        for name in (_CASES, _ANSWERS, _TEACHING):
+            total.update(hashlib.sha256(self._texts[name]).digest())
+        return total.hexdigest()[:16]
+
+    @cached_property
+    def _texts(self) -> dict[str, bytes]:
+        with _opened(self.path) as archive:
+            try:
+                return {name: archive.read(name) for name in (_CASES, _ANSWERS, _TEACHING)}
+            except (KeyError, zipfile.BadZipFile) as error:
+                raise InputError(
+                    f"'{self.path}' is not a whole case set: {error.args[0]}; {_WHENCE}"
+                ) from error
+
+    def _teaching(self, pictures: "_Pictures") -> Teaching:
+        where = f"'{self.path}' {_TEACHING}"
+        document = _record(self._texts[_TEACHING], where)
+        found = document.get("schema")
+        if found != SCHEMA:
+            raise InputError(f"{where} has schema {found!r}; this pliant reads {SCHEMA}{_AGAIN}")
+        return _valid(Teaching, document.get("teaching"), where, pictures)
+
+
+def write(path: Path, questions: Iterable[Question]) -> None:
+    """Write a set, whole or not at all. All its cases share their goal pictures.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    questions = list(questions)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        pictures = _Pictures(archive)
+        cases, answers = [], []
+        for question in questions:
+            case = thinned(question.case)
+            document = _dumped(Case, case, pictures, without={"teaching"})
+            document["teaching"] = _dumped(Goals, case.teaching.goals, pictures)
+            cases.append(document)
+            answers.append(_dumped(Key, question.key, pictures))
+        taught = _dumped(Teaching, questions[0].case.teaching, pictures)
+        shared = [{"schema": SCHEMA, "teaching": taught}]
+        for name, documents in ((_CASES, cases), (_ANSWERS, answers), (_TEACHING, shared)):
+            lines = (json.dumps(d, separators=(",", ":"), allow_nan=False) for d in documents)
+            _add(archive, name, "".join(f"{line}\n" for line in lines).encode())
+    write_bytes(path, buffer.getvalue())
+
+
+def thinned(case: Case) -> Case:
+    """The case without earlier pictures, and with the ends only of each motion's trace."""
+    history = tuple(
+        replace(e, outcome=_thinned(e.outcome, keep_pictures=False)) for e in case.history
+    )
+    return replace(case, history=history, outcome=_thinned(case.outcome, keep_pictures=True))
+
+
+def _thinned(outcome: Outcome, *, keep_pictures: bool) -> Outcome:
+    *earlier, last = outcome.looks
+    looks = [_unpictured(look) for look in earlier]
+    looks.append(last if keep_pictures else _unpictured(last))
+    motions = tuple(replace(m, trace=_ends(m)) for m in outcome.motions)
+    return replace(outcome, looks=tuple(looks), motions=motions)
+
+
+def _unpictured(look: Look) -> Look:
+    return replace(look, observation=replace(look.observation, views={}))
+
+
+def _ends(motion: Motion) -> Trace:
+    trace = motion.trace
+    ends = [0, -1] if len(trace.time_s) > 1 else [0] * len(trace.time_s)
+    return Trace(
+        time_s=trace.time_s[ends], pose=trace.pose[ends], compression_m=trace.compression_m[ends]
+    )
+
+
+# --- the archive -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Pictures:
+    """The pictures of an archive. Pydantic calls `save` while a record is dumped and `load` while
+    it is read."""
+
+    archive: zipfile.ZipFile
+
+    def save(self, image: NDArray[np.uint8]) -> str:
+        name = picture_name(image)
+        member = f"pictures/{name}.webp"
+        if member not in self.archive.NameToInfo:
+            done, webp = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _LOSSLESS)
+            assert done, "OpenCV encodes any 8-bit picture"
+            _add(self.archive, member, webp.tobytes())
+        return name
+
+    def load(self, name: object) -> NDArray[np.uint8]:
+        """Raises ValueError if the picture is missing or not the one that was stored."""
+        try:
+            webp = np.frombuffer(self.archive.read(f"pictures/{name}.webp"), np.uint8)
+        except (KeyError, zipfile.BadZipFile) as error:
+            raise ValueError(f"the picture {name}.webp is missing or broken") from error
+        bgr = cv2.imdecode(webp, cv2.IMREAD_COLOR) if webp.size else None
+        if bgr is None:
+            raise ValueError(f"the picture {name}.webp is broken")
+        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        if picture_name(image) != name:
+            raise ValueError(f"the picture {name}.webp is not the one that was stored")
+        return image
+
+
+def _opened(path: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(path)
+    except OSError as error:
+        raise InputError(
+            f"case set '{path}' cannot be read: {error.strerror}; {_WHENCE}"
+        ) from error
+    except zipfile.BadZipFile as error:
+        raise InputError(f"'{path}' is not a case set: {error}; {_WHENCE}") from error
+
+
+def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
+    info = zipfile.ZipInfo(name, date_time=_EPOCH)
+    is_packed = name.endswith(".webp")
+    info.compress_type = zipfile.ZIP_STORED if is_packed else zipfile.ZIP_DEFLATED
+    archive.writestr(info, content, compresslevel=9)
+
+
+_adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+
+
+def _dumped(kind: type[T], record: T, pictures: _Pictures, without: Set[str] = frozenset()) -> Any:
+    return _adapter(kind).dump_python(record, mode="json", context=pictures, exclude=set(without))
+
+
+def _record(line: bytes, where: str) -> dict[str, Any]:
+    try:
+        document = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where} is not JSON: {str(error).splitlines()[0]}{_AGAIN}") from error
+    if not isinstance(document, dict):
+        raise InputError(f"{where} holds no fields{_AGAIN}")
+    return document
+
+
+def _valid(kind: type[T], document: Any, where: str, pictures: _Pictures | None = None) -> T:
+    try:
+        return _adapter(kind).validate_python(document, context=pictures)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        at = ".".join(str(part) for part in first["loc"])
+        said = first["msg"].splitlines()[0]
+        raise InputError(f"{where} is broken at {at}: {said}{_AGAIN}") from error

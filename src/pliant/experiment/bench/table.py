@@ -1,0 +1,124 @@
+"""The benchmark's tables as Markdown."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Document = Mapping[str, Any]
+_NONE = "–"
+
+
+def markdown(document: Document) -> str:
+    """All tables of a document of `run`."""
+    n, of = document["cases"]["n"], document["cases"]["of"]
+    part = "" if n == of else f", the first {n}"
+    sections = [
+        f"Case set {document['cases']['hash']}, {of} cases{part}. Percentages and distances"
+        " stand with their 95 % intervals, which the JSON has for every group, too.",
+        "## Judging",
+        judging(document),
+        "## Planning, after true failures",
+        planning(document),
+        "## What it cost",
+        spending(document),
+        "## By kind of case",
+        grouped(document, "kind"),
+        "## By formation",
+        grouped(document, "formation"),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def judging(document: Document) -> str:
+    rows = [
+        [
+            name,
+            str(s["all"]["n"]),
+            _accuracy(s["all"]["balanced_accuracy"], interval=True),
+            _rate(s["all"]["false_accepts"]),
+            _rate(s["all"]["false_rejects"]),
+        ]
+        for name, s in document["reasoners"].items()
+    ]
+    header = ["reasoner", "n", "balanced accuracy [%]", "false accepts [%]", "false rejects [%]"]
+    return _table(header, rows)
+
+
+def planning(document: Document) -> str:
+    names = ("plan_valid", "start_right", "retreat_right", "direction_right", "reaches")
+    rows = [
+        [name, *(_rate(s["all"][score]) for score in names), _toward(s["all"]["toward_mm"])]
+        for name, s in document["reasoners"].items()
+    ]
+    header = ["reasoner", "valid [%]", "resumes right [%]", "retreat right [%]"]
+    header += ["direction right [%]", "reaches at once [%]", "toward the goal [mm], median; mean"]
+    return _table(header, rows)
+
+
+def spending(document: Document) -> str:
+    rows = []
+    for name, of_name in document["reasoners"].items():
+        s = of_name["all"]
+        tokens = (s["input_tokens"] + s["output_tokens"]) / s["n"]
+        cost, latency = s["cost_usd"], s["latency_s"]
+        rows.append(
+            [
+                name,
+                _rate(s["own"]),
+                str(s["requests"]),
+                f"{tokens:.0f}" if s["requests"] else _NONE,
+                _NONE if cost is None else f"{100 * cost / s['n']:.2f}",
+                _NONE if latency is None else f"{latency['p50']:.1f}, {latency['p95']:.1f}",
+            ]
+        )
+    header = ["reasoner", "own decisions [%]", "requests", "tokens per case"]
+    header += ["US cents per case", "wait per decision p50, p95 [s]"]
+    return _table(header, rows)
+
+
+def grouped(document: Document, by: str) -> str:
+    """The scores that tell groups apart, as counts; the JSON has their intervals."""
+    rows = []
+    for name, s in document["reasoners"].items():
+        for group, g in sorted(s[f"by_{by}"].items()):
+            scores = ("false_accepts", "false_rejects", "start_right", "direction_right", "reaches")
+            rates = [_share(g[score]) for score in scores]
+            accuracy = _accuracy(g["balanced_accuracy"], interval=False)
+            rows.append([name, group, str(g["n"]), accuracy, *rates])
+    header = ["reasoner", by, "n", "balanced accuracy [%]", "false accepts", "false rejects"]
+    return _table(header + ["resumes right", "direction right", "reaches at once"], rows)
+
+
+def _accuracy(score: Document | None, *, interval: bool) -> str:
+    if score is None:
+        return _NONE
+    text = f"{score['percent']:.1f}"
+    return f"{text} [{score['low']:.1f}, {score['high']:.1f}]" if interval else text
+
+
+def _rate(rate: Document) -> str:
+    if rate["percent"] is None:
+        return _NONE
+    return f"{rate['percent']:.1f} [{rate['low']:.1f}, {rate['high']:.1f}] of {rate['n']}"
+
+
+def _share(rate: Document) -> str:
+    return f"{rate['successes']} of {rate['n']}" if rate["n"] else _NONE
+
+
+def _toward(score: Document | None) -> str:
+    if score is None:
+        return _NONE
+    median, mean = (
+        f"{_mm(s['value'])} [{_mm(s['low'])}, {_mm(s['high'])}]"
+        for s in (score["median"], score["mean"])
+    )
+    return f"{median}; {mean}"
+
+
+def _mm(value: float) -> str:
+    return f"{round(value, 1) + 0.0:.1f}"  # no -0.0
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
