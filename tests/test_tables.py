@@ -179,6 +179,51 @@ def test_failure_kinds_are_counted_and_explained(folder: Path) -> None:
     assert "- wedged: in the hole, not deep enough" in markdown(tables.build(folder))
 
 
+def placed(y_mm: float, angle_deg: float, seeds: int = 5, **changes: Any) -> list[Rows]:
+    """Trials with the hole and the peg in fixed places."""
+    where: dict[str, Any] = {"drawn_friction": 1.0, "drawn_hole_y": y_mm * 1e-3}
+    where["drawn_grasp_roll"] = math.radians(angle_deg)
+    rows = [made(s, s > 1, name="none", **where, **changes) for s in range(1, seeds + 1)]
+    name = f"hole_{y_mm:g}_angle_{angle_deg:g}"
+    for row in rows:
+        row.trial["condition"] = name
+        row.trial["trial_id"] = f"{name}-{row.trial['seed']}"
+    return rows
+
+
+def test_table_iv_stands_beside_the_papers_and_says_which_cell_it_was(tmp_path: Path) -> None:
+    rows = [*placed(0, 0, cell="ur5e"), *placed(-20, 5, cell="ur5e")]
+    rows[1].trial["inserted"] = None  # nobody has labelled it
+    results.write_rows(tmp_path, rows)
+    document = tables.build(tmp_path)
+    nominal, far = document["placed"]
+    assert (far["hole_mm"], far["angle_deg"], far["n"]) == (-20, 5, 5)
+    assert (far["inserted"]["successes"], far["inserted"]["n"]) == (4, 5)
+    assert far["inserted"]["low"] == 100 * wilson(4, 5).low
+    assert (far["paper"]["judged"], far["paper"]["inserted"], far["paper"]["n"]) == (80, 100, 5)
+    assert far["paper"]["extra"] == {"fit": 3.0, "align": 1.8, "insertion": 1.4}
+    assert nominal["inserted"]["n"] == 4
+    text = markdown(document)
+    assert "Made with a UR5e" in text
+    assert "repeats of one trial" not in text
+    assert "| ur5e | rules | -20 | 5 | 5 | 80.0 [37.6, 96.4] of 5 |" in text
+
+
+def test_a_table_iv_without_a_robot_says_so(tmp_path: Path) -> None:
+    results.write_rows(tmp_path, placed(10, 0, cell="emulator"))
+    text = markdown(tables.build(tmp_path))
+    assert "**Emulated: no robot.**" in text
+    assert "repeats of one trial" in text
+    assert "| emulator | rules | 10 | 0 |" in text
+
+
+def test_what_is_drawn_or_nominal_only_is_no_table_iv(tmp_path: Path) -> None:
+    drawn = [made(1, True), made(2, True)]
+    results.write_rows(tmp_path, [*drawn, *placed(0, 0), *placed(10, 0, peg="square")])
+    assert tables.build(tmp_path)["placed"] == []
+    assert "Table IV" not in markdown(tables.build(tmp_path))
+
+
 def test_the_papers_figures_are_whole() -> None:
     for peg in ("circle", "square", "rectangle"):
         for name in ("none", "friction", "pose", "all"):
@@ -187,6 +232,10 @@ def test_the_papers_figures_are_whole() -> None:
             assert row.inserted_percent <= row.judged_percent <= 100
             assert set(row.extra) == {"fit", "align", "insertion"}
             assert (paper.table2(peg, name, "none") is None) == (peg != "circle")
+    combinations = [(0, 0), (10, 0), (15, 0), (20, 0), (10, 5), (15, 5), (20, 5)]
+    rows = [paper.table4(*c) for c in combinations]
+    assert [row.inserted_percent for row in rows if row] == [100, 100, 100, 80, 100, 100, 100]
+    assert paper.table4(5, 0) is None
     assert paper.table2("hexagon", "all", "rules") is None
     assert "arXiv 2509.17666" in paper.source()
 
@@ -210,7 +259,7 @@ def test_what_is_no_finished_run_is_refused_with_what_to_do(tmp_path: Path, fold
 
 
 def test_a_model_alone_has_failed_where_the_rules_stepped_in() -> None:
-    asked = {"decisions": 10, "tokens": 100, "cost_usd": 0.5}
+    asked: dict[str, Any] = {"decisions": 10, "tokens": 100, "cost_usd": 0.5}
     rows = [
         made(1, True, **asked),
         made(2, True, **asked, clamped=1),

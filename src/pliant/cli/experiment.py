@@ -1,6 +1,8 @@
 """`pliant experiment`: many trials, on every core or on a cluster, resumable."""
 
 import sys
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +10,8 @@ import tyro
 from rich.console import Console
 from rich.prompt import Confirm
 
+from pliant.cli.attended import attended
+from pliant.cli.cells import where
 from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.errors import InputError
@@ -28,6 +32,7 @@ def experiment(
     first_seed: int | None = None,
     level: str | None = None,
     goals: Path | None = None,
+    cell: str = "sim",
     out: Path = Path("runs/experiment"),
     workers: int | None = None,
     ray: str | None = None,
@@ -48,11 +53,13 @@ def experiment(
         trials: per cell; default 30.
         first_seed: default 1; seeds pair across cells.
         level: the rung of the ladder.
-        goals: a taught goals file in place of the shipped one.
+        goals: a taught goals file in place of the cell's or the shipped one.
+        cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
+            and asked how each trial went.
         out: the result folder.
-        workers: processes; default one per core.
+        workers: processes; default one per core. Simulated cell only, as are the next three.
         ray: address of a Ray cluster to run on instead.
-        save: whose trials' full records to keep.
+        save: whose trials' full records to keep; of other cells, all are.
         time_limit_s: of one trial, after which its worker is ended.
         yes: do not ask before a hosted model is paid.
         ranges: ranges in place of the conditions' own.
@@ -74,22 +81,28 @@ def experiment(
     else:
         default = {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules"]}
         planned = plan.from_fields(default, overrides)
+    planned = replace(planned, where=where(cell))
+    is_simulated = planned.where.file is None
+    if not is_simulated and (workers, ray) != (None, None):
+        raise InputError("--workers and --ray are for the simulated cell: leave them out")
     model.check(planned)
     console = Console()
     if model.replay is None:
         planned.check_models()
         _confirm(planned, console, yes)
-    ended = runner.run(
-        planned,
-        out,
-        workers=workers,
-        ray=ray,
-        save=save,
-        time_limit_s=time_limit_s,
-        watcher=Shown(planned, console),
-        record=model.record,
-        replay=model.replay,
-    )
+    with nullcontext() if is_simulated else attended(planned) as engine:
+        ended = runner.run(
+            planned,
+            out,
+            workers=workers,
+            ray=ray,
+            save=save,
+            time_limit_s=time_limit_s,
+            watcher=Shown(planned, console if is_simulated else Console(force_terminal=False)),
+            record=model.record,
+            replay=model.replay,
+            engine=engine,
+        )
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
         return 1

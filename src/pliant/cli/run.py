@@ -1,9 +1,10 @@
 """`pliant run`: one insertion, shown as it happens, stored as an experiment of one trial."""
 
 import json as json_format
+import math
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +13,8 @@ from rich.console import Console
 from rich.text import Text
 
 from pliant.cell import Truth
+from pliant.cli.attended import attended
+from pliant.cli.cells import where
 from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.errors import InputError
@@ -23,7 +26,7 @@ from pliant.pose import describe
 from pliant.records import Execution, Trial
 
 if TYPE_CHECKING:
-    from pliant.sim.cell import SimCell
+    from pliant.sim.cell import SimCell, Trajectory
 
 _SUCCESS, _FAILURE = "#117733", "#882255"  # the paper's green and purple
 
@@ -36,6 +39,7 @@ def run(
     reasoner: str = "rules",
     level: str = "L0",
     goals: Path | None = None,
+    cell: str = "sim",
     out: Path | None = None,
     video: bool = True,
     json: bool = False,
@@ -52,11 +56,13 @@ def run(
         reasoner: rules, messages, sweep, retry, none, oracle, vlm, or your own as
             path/to/file.py:Class.
         level: the rung of the ladder; L0 is the paper's grid.
-        goals: a taught goals file in place of the shipped one.
+        goals: a taught goals file in place of the cell's or the shipped one.
+        cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
+            and asked how it went.
         out: the result folder; default runs/ and the trial's name.
-        video: also draw the whole trial as an MP4, afterwards.
+        video: also draw the whole trial as an MP4, afterwards; simulated cell only.
         json: print one line of JSON with the columns of trials.parquet, and nothing else.
-        live: watch in MuJoCo's viewer, in real time; needs a screen.
+        live: watch in MuJoCo's viewer, in real time; needs a screen, and the simulated cell.
         ranges: ranges in place of the condition's own.
         model: the model behind the reasoner vlm.
     """
@@ -70,48 +76,91 @@ def run(
         "goals": None if goals is None else str(goals),
         "vlm": model.given,
     }
-    experiment = plan.from_fields(fields)
+    experiment = replace(plan.from_fields(fields), where=where(cell))
+    is_simulated = experiment.where.file is None
+    if live and not is_simulated:
+        raise InputError("--live shows the simulated cell: leave it out, or --cell")
     model.check(experiment)
     if model.replay is None:
         experiment.check_models()
     spec = next(experiment.specs())
     teaching = experiment.teaching()
     from pliant.report import trial as report
-    from pliant.sim.cell import SimCell
 
-    cell = SimCell()
-    cell.prepare(spec.task, spec.condition.draw(seed)).observe()  # refuses to start blind
-    if live:
-        _watch(cell)
     folder = out or Path("runs") / spec.trial_id
-    runner.prepare(experiment, folder)
     teller = _Teller(Console(stderr=json, highlight=False, soft_wrap=True))
-    teller.begin(spec)
-    trial = perform(
-        spec,
-        cell,
-        teaching,
-        on_execution=teller.tell,
-        record=model.record,
-        replay=model.replay,
-    )
-    _store(experiment, folder, trial)
+    trajectory = None
+    if is_simulated:
+        trial, trajectory = _simulated(experiment, spec, folder, teller, model, live=live)
+    else:
+        trial = _attended(experiment, spec, folder, teller, model)
+    _store(folder, trial)
     page = folder / "trials" / trial.trial_id
+    video = video and trajectory is not None
     if not json and video:
         teller.say("drawing the video ...")
-    report.write(page, trial, teaching, trajectory=cell.trajectory(), video=video)
+    report.write(page, trial, teaching, trajectory=trajectory, video=video)
     teller.end(trial, page / report.PAGE)
     if json:
         print(json_format.dumps(rows_of(trial).trial))
     return 0 if _is_done(trial) else 1
 
 
+def _simulated(
+    experiment: Experiment,
+    spec: Spec,
+    folder: Path,
+    teller: "_Teller",
+    model: ModelOptions,
+    *,
+    live: bool,
+) -> "tuple[Trial, Trajectory]":
+    from pliant.sim.cell import SimCell
+
+    cell = SimCell()
+    cell.prepare(spec.task, spec.condition.draw(spec.seed)).observe()  # refuses to start blind
+    if live:
+        _watch(cell)
+    runner.prepare(experiment, folder)
+    teller.begin(spec)
+    trial = perform(
+        spec,
+        cell,
+        experiment.teaching(),
+        on_execution=teller.tell,
+        record=model.record,
+        replay=model.replay,
+    )
+    return trial, cell.trajectory()
+
+
+def _attended(
+    experiment: Experiment, spec: Spec, folder: Path, teller: "_Teller", model: ModelOptions
+) -> Trial:
+    """In a real or an emulated cell, where no two trials are the same."""
+    with attended(experiment, one_trial=True) as engine:
+        runner.prepare(experiment, folder)
+        path = folder / journal.FILE
+        if path.exists() and any(journal.scan(path)):
+            raise InputError(f"'{folder}' holds this trial already: choose another folder (--out)")
+        teller.begin(spec)
+        trial = engine.perform(
+            spec,
+            folder,
+            record=model.record,
+            replay=model.replay,
+            on_execution=teller.tell,
+        )
+    assert trial is not None, "a single trial cannot be left for later"
+    return trial
+
+
 def _is_done(trial: Trial) -> bool:
     return trial.judged if trial.inserted is None else trial.inserted
 
 
-def _store(experiment: Experiment, folder: Path, trial: Trial) -> None:
-    """The journal and Parquet files of an experiment of one trial; running it again changes
+def _store(folder: Path, trial: Trial) -> None:
+    """The journal and Parquet files of an experiment of one trial; simulating it again changes
     nothing but the wall time, so the first line stays."""
     rows = rows_of(trial)
     path = folder / journal.FILE
@@ -166,12 +215,15 @@ class _Teller:
                 self.say(f"      refused  {refusal}")
 
     def end(self, trial: Trial, page: Path) -> None:
+        judged = f"judged {'yes' if trial.judged else 'no'}"
         if trial.inserted is None:
             by = "as judged; there is no ground truth"
             inserted = trial.judged
+        elif math.isfinite(depth := trial.truths[-1].depth_m):
+            by = f"ground truth: {depth * 1e3:.1f} mm deep; {judged}"
+            inserted = trial.inserted
         else:
-            depth = trial.truths[-1].depth_m * 1e3
-            by = f"ground truth: {depth:.1f} mm deep; judged {'yes' if trial.judged else 'no'}"
+            by = f"as labelled; {judged}"
             inserted = trial.inserted
         fault = f" ({trial.fault})" if trial.fault else ""
         moves = sum(len(e.outcome.motions) for e in trial.executions)

@@ -15,6 +15,7 @@ from pliant.cell import Stop
 from pliant.checks import TILT_TOLERANCE_DEG
 from pliant.experiment.statistics import Pairs, mcnemar, paired_difference, wilson
 from pliant.formations import RECOVERABLE, Formation
+from pliant.task import NOMINAL
 
 Row = Mapping[str, Any]
 DEPTHS_M = (0.010, 0.020, 0.024)
@@ -126,6 +127,17 @@ def false_alignments(executions: Sequence[Row]) -> dict[str, int]:
                 and following["stop"] == Stop.COMPRESSION
             )
     return {"accepted": accepted, "false": false, "stopped": stopped}
+
+
+def placed(trials: Sequence[Row]) -> tuple[float, float] | None:
+    """Where the hole was [mm] and how the peg was gripped [deg], if that was the same in all trials
+    and the friction was nobody's to change; None: something was drawn."""
+    (friction, y, roll), *others = {
+        (t["drawn_friction"], t["drawn_hole_y"], t["drawn_grasp_roll"]) for t in trials
+    }
+    if others or friction != NOMINAL["friction"]:
+        return None
+    return round(y * 1e3, 3), round(math.degrees(roll), 3)
 
 
 def model_share(trials: Sequence[Row]) -> dict[str, Any] | None:

@@ -14,7 +14,7 @@ BASELINE = "none"
 
 @dataclass(frozen=True, kw_only=True)
 class PaperCell:
-    """One row of Table II: success [%] judged (F) and inserted (G), average extra executions."""
+    """A row of Table II or IV: success [%] judged (F) and inserted (G), mean extra executions."""
 
     trials: int
     judged_percent: float
@@ -34,18 +34,31 @@ def table2(peg: str, condition: str, reasoner: str) -> PaperCell | None:
             condition,
             reasoner != BASELINE,
         ):
-            return PaperCell(
-                trials=row["trials"],
-                judged_percent=row["judged_percent"],
-                inserted_percent=row["inserted_percent"],
-                extra={k.removeprefix("extra_"): row[k] for k in row if k.startswith("extra_")},
-            )
+            return _cell(row)
+    return None
+
+
+def table4(hole_mm: float, angle_deg: float) -> PaperCell | None:
+    """The paper's row of its real robot for a hole's offset and a grasp angle, whose directions it
+    does not give."""
+    for row in _document()["table4_real_robot"]:
+        if (row["hole_mm"], row["angle_deg"]) == (abs(hole_mm), abs(angle_deg)):
+            return _cell(row)
     return None
 
 
 def table3(peg: str) -> Mapping[str, Mapping[str, float]] | None:
     """Percent from a failed formation to the first of its plan; the paper gives the circle's."""
     return _document()["table3_transitions_circle_percent"] if peg == "circle" else None
+
+
+def _cell(row: Mapping[str, Any]) -> PaperCell:
+    return PaperCell(
+        trials=row["trials"],
+        judged_percent=row["judged_percent"],
+        inserted_percent=row["inserted_percent"],
+        extra={k.removeprefix("extra_"): row[k] for k in row if k.startswith("extra_")},
+    )
 
 
 @lru_cache(maxsize=1)

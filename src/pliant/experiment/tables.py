@@ -55,6 +55,7 @@ def build(folder: Path) -> Document:
         "schema": SCHEMA,
         "paper": {"source": paper.source(), "reasoner": paper.REASONER},
         "cells": [_cell(cell) for cell in ordered],
+        "placed": _table4(ordered),
         "transitions": _transitions(ordered),
         "pairs": _pairs(ordered),
     }
@@ -97,6 +98,7 @@ def _cell(cell: _Cell) -> Document:
     level, peg, condition, reasoner = cell.key
     trials = cell.trials
     return {
+        "cell": trials[0]["cell"],
         "level": level,
         "peg": peg,
         "condition": condition,
@@ -122,15 +124,36 @@ def _cell(cell: _Cell) -> Document:
 
 def _papers(level: str, peg: str, condition: str, reasoner: str) -> Document | None:
     found = paper.table2(peg, condition, reasoner) if level == "L0" else None
+    return _beside(found, paper.BASELINE if reasoner == paper.BASELINE else paper.REASONER)
+
+
+def _beside(found: paper.PaperCell | None, reasoner: str) -> Document | None:
     if found is None:
         return None
     return {
-        "reasoner": paper.BASELINE if reasoner == paper.BASELINE else paper.REASONER,
+        "reasoner": reasoner,
         "n": found.trials,
         "judged": found.judged_percent,
         "inserted": found.inserted_percent,
         "extra": dict(found.extra),
     }
+
+
+def _table4(cells: Sequence[_Cell]) -> list[Document]:
+    """The cells with one of the paper's combinations of hole and grasp angle for its round peg.
+    Empty where only the nominal one is there, which Table II has as well."""
+    rows = []
+    for cell in cells:
+        level, peg, _, reasoner = cell.key
+        placed = measures.placed(cell.trials)
+        if (level, peg) != ("L0", "circle") or placed is None:
+            continue
+        theirs = paper.table4(*placed)
+        if theirs is not None:
+            beside = None if reasoner == paper.BASELINE else _beside(theirs, paper.REASONER)
+            rows.append({**_cell(cell), "hole_mm": placed[0], "angle_deg": placed[1]})
+            rows[-1]["paper"] = beside
+    return rows if any(row["hole_mm"] or row["angle_deg"] for row in rows) else []
 
 
 def _transitions(cells: Sequence[_Cell]) -> list[Document]:

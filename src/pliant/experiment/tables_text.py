@@ -10,6 +10,13 @@ Document = Mapping[str, Any]
 REFERENCE = "rules"
 """Against whom reasoners are shown in each cell; the first one where it is not there."""
 
+_PAPERS = ("paper's F, G [%]", "paper's fit, align, insertion")
+_SIMULATED = ("sim", "emulator")
+_CELLS = {
+    "emulator": "**Emulated: no robot.** A simulated cell behind the UR5e's own software.",
+    "ur5e": "Made with a UR5e; G is what its operator saw.",
+}
+
 
 def markdown(document: Document) -> str:
     """All tables of `tables.build`, under headings."""
@@ -20,10 +27,12 @@ def markdown(document: Document) -> str:
         f"Paper: {paper['source']}, whose reasoner is {paper['reasoner']}; each row of ours says"
         " which reasoner made it. Percentages stand with their n and 95 % Wilson interval. F is"
         " judged inserted, G truly inserted. A trial that a fault ended counts as not inserted.",
+        *_where(cells),
         "## Table II: success, and average extra executions",
         table2(cells),
         "## Table III: from the failed formation to the first of its plan [%]",
         table3(document["transitions"], paper["reasoner"]),
+        *_table4_section(document.get("placed", [])),
         "## Reasoner against reasoner, on the same seeds",
         pairs(document["pairs"]),
         "## Depth reached",
@@ -43,24 +52,39 @@ def markdown(document: Document) -> str:
 def table2(cells: Sequence[Document]) -> str:
     """Table II in the paper's layout, the paper's own figures beside ours."""
     header = ["peg", "condition", "reasoner", "n", "F [%]", "G [%]"]
-    header += [str(f) for f in RECOVERABLE]
-    header += ["paper's F, G [%]", "paper's fit, align, insertion"]
-    rows = []
-    for c in cells:
-        extra = [f"{c['extra'][f]:.2f}" for f in RECOVERABLE]
-        theirs = c["paper"]
-        success = (
-            f"{theirs['judged']:g}, {theirs['inserted']:g} (n {theirs['n']})" if theirs else ""
-        )
-        spent = ", ".join(f"{theirs['extra'][f]:.1f}" for f in theirs["extra"]) if theirs else ""
-        rows.append(
-            [*_who(c), str(c["n"]), _rate(c["judged"]), _rate(c["inserted"]), *extra]
-            + [success or "–", spent or "–"]
-        )
+    header += [*(str(f) for f in RECOVERABLE), *_PAPERS]
+    rows = [
+        [*_who(c), str(c["n"]), _rate(c["judged"]), _rate(c["inserted"])]
+        + [*_extra(c), *_theirs(c["paper"])]
+        for c in cells
+    ]
     text = _table(header, rows)
     faults = sum(c["faults"] for c in cells)
     disagreed, n = sum(c["disagreed"] for c in cells), sum(c["n"] for c in cells)
     return f"{text}\n\nJudged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
+
+
+def table4(cells: Sequence[Document]) -> str:
+    """Table IV in the paper's layout, the paper's own figures beside ours."""
+    header = ["cell", "reasoner", "hole y [mm]", "angle [°]", "n", "F [%]", "G [%]"]
+    header += [*(str(f) for f in RECOVERABLE), "faults", "no label", *_PAPERS]
+    rows = []
+    for c in cells:
+        unlabelled = str(c["n"] - c["inserted"]["n"])
+        rows.append(
+            [c["cell"], _who(c)[2], f"{c['hole_mm']:g}", f"{c['angle_deg']:g}", str(c["n"])]
+            + [_rate(c["judged"]), _rate(c["inserted"]), *_extra(c)]
+            + [str(c["faults"]), unlabelled, *_theirs(c["paper"])]
+        )
+    text = _table(header, rows)
+    if any(c["cell"] in _SIMULATED for c in cells):
+        text += (
+            "\n\nIn a simulated or an emulated cell nothing but the seed differs between the trials"
+            " of a combination, and with everything in its place the seed changes nothing: they are"
+            " repeats of one trial, and their interval tells nothing. The paper's are of a real"
+            " robot."
+        )
+    return text
 
 
 def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
@@ -169,6 +193,29 @@ def own(cells: Sequence[Document]) -> str:
         "G alone counts a trial in which a plan was clamped or the rules stepped in as failed."
     )
     return f"{_table(header, rows)}\n\n{meaning}"
+
+
+def _table4_section(placed: Sequence[Document]) -> list[str]:
+    if not placed:
+        return []
+    return ["## Table IV: success by the place of the hole and the grasp angle", table4(placed)]
+
+
+def _where(cells: Sequence[Document]) -> list[str]:
+    """Said of any cell but the simulated one."""
+    kinds = dict.fromkeys(c.get("cell", "sim") for c in cells)
+    return [_CELLS[kind] for kind in kinds if kind in _CELLS]
+
+
+def _extra(cell: Document) -> list[str]:
+    return [f"{cell['extra'][f]:.2f}" for f in RECOVERABLE]
+
+
+def _theirs(paper: Document | None) -> list[str]:
+    if paper is None:
+        return ["–", "–"]
+    success = f"{paper['judged']:g}, {paper['inserted']:g} (n {paper['n']})"
+    return [success, ", ".join(f"{v:.1f}" for v in paper["extra"].values()) or "–"]
 
 
 def _who(cell: Document) -> list[str]:

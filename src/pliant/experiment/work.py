@@ -54,8 +54,8 @@ def perform_job(job: Job) -> Rows:
         job.spec,
         cell,
         _teaching(job.goals),
-        record=_recording(job.record, job.spec),
-        replay=_recording(job.replay, job.spec),
+        record=recording(job.record, job.spec),
+        replay=recording(job.replay, job.spec),
     )
     rows = rows_of(trial)
     if job.save.wants(rows):
@@ -67,7 +67,7 @@ def perform_job(job: Job) -> Rows:
     return rows
 
 
-def _recording(folder: Path | None, spec: Spec) -> Path | None:
+def recording(folder: Path | None, spec: Spec) -> Path | None:
     return None if folder is None or spec.vlm is None else folder / f"{spec.trial_id}.jsonl"
 
 
