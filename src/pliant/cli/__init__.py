@@ -6,6 +6,7 @@ import tyro
 
 from pliant.cli.bench_reasoner import bench_reasoner
 from pliant.cli.calibrate import calibrate
+from pliant.cli.check_cell import check_cell
 from pliant.cli.experiment import experiment
 from pliant.cli.export import export
 from pliant.cli.run import run
@@ -28,6 +29,7 @@ def main() -> None:
                     "tables": tables,
                     "teach": teach,
                     "calibrate": calibrate,
+                    "check-cell": check_cell,
                     "view": view,
                     "export": export,
                     "bench-reasoner": bench_reasoner,

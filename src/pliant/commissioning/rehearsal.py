@@ -23,7 +23,7 @@ from pliant.teaching import Teaching
 from pliant.vision.scene import Scene
 
 CLEARANCE = 0.04  # [m] of the peg above the board in an air run; the wrist sags by a part of it
-AIR_COMPRESSION = 0.005  # [m] beyond which an air run has touched something; the tool swings by 2
+AIR_COMPRESSION = 0.005  # [m] more has touched something; a free motion swings the tool by 1 mm
 _MARGIN = 0.001  # [m] that the envelope keeps a goal inside the workspace
 _UNSEEN = Scene(peg=None, hole=None)
 
