@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from pliant.cell import Truth
+from pliant.cli import rehearse
 from pliant.cli.attended import attended
 from pliant.cli.cells import where
 from pliant.cli.model import ModelOptions
@@ -44,6 +45,8 @@ def run(
     video: bool = True,
     json: bool = False,
     live: bool = False,
+    dry_run: bool = False,
+    air: bool = False,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
     model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
 ) -> int:
@@ -63,6 +66,8 @@ def run(
         video: also draw the whole trial as an MP4, afterwards; simulated cell only.
         json: print one line of JSON with the columns of trials.parquet, and nothing else.
         live: watch in MuJoCo's viewer, in real time; needs a screen, and the simulated cell.
+        dry_run: only print every motion that the trial could command.
+        air: only run the nominal plan above the board, to see that the way is free.
         ranges: ranges in place of the condition's own.
         model: the model behind the reasoner vlm.
     """
@@ -85,6 +90,10 @@ def run(
         experiment.check_models()
     spec = next(experiment.specs())
     teaching = experiment.teaching()
+    if dry_run:
+        return rehearse.dry_run(experiment.where, spec.task, teaching)
+    if air:
+        return rehearse.air_run(experiment.where, spec.task, teaching)
     from pliant.report import trial as report
 
     folder = out or Path("runs") / spec.trial_id
