@@ -71,6 +71,11 @@ def test_the_examples_camera_sees_y_to_the_right_and_z_up() -> None:
         ("wrist", {"sign": 2}, "wrist.sign is 2"),
         ("wrist", {"stiffness_n_mm": math.nan}, "wrist.stiffness_n_mm is nan"),
         ("payload", {"mass_kg": "heavy"}, "payload.mass_kg is 'heavy'"),
+        (
+            "patience",
+            {"driver_ms": 300, "stamp_ms": 400},
+            "patience.driver_ms 300: it must be above",
+        ),
         ("workspace", {"y_mm": [50, -50]}, "workspace.y_mm: the first number must be below"),
         ("camera", {"source": "http"}, "camera.where: the source http needs"),
         ("colours", {"peg": [[[200, 0, 0], [10, 0, 0]]]}, r"colours.peg.0.0.0 is 200: .* 179"),

@@ -6,13 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
-from ur5e_emulated import cell_at, when_moving
+from ur5e_emulated import cell_at, when_moving, with_patience_of_a_real_cell
 
 from pliant.cell import Truth
 from pliant.emulator.client import Admin, started
@@ -32,17 +32,17 @@ pytestmark = [
 ]
 
 HOST, BOXED_HOST = "127.0.0.81", "127.0.0.83"
-SEEN_WITHIN_S = 1.5  # the longest that anything may hang, on a loaded machine
+SEEN_WITHIN_S = 0.2  # of the controller's clock
+HANGING_S = 20.0  # of the wall's: ur_rtde's own calls would hang for 30 s and more
 GOALS = shipped().goals
 FAULTS = {  # what happens, and what the trial ends with
     "protective_stop": {},
     "emergency_stop": {},
     "power_off": {},
-    "stall": {"seconds": 3.0},
     "drop_rtde": {},
     "gripper_lost": {},
 }
-ENDS = {"stall": "stalled", "drop_rtde": "connection", "gripper_lost": "gripper"}
+ENDS = {"drop_rtde": "connection", "gripper_lost": "gripper"}
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +51,20 @@ def emulator() -> Iterator[Admin]:
         yield admin
 
 
-@pytest.fixture(scope="module")
-def cells(emulator: Admin) -> Iterator[UrCell]:
+@pytest.fixture
+def cell(emulator: Admin) -> Iterator[UrCell]:
+    """A person has seen to the last fault."""
+    emulator.ask("restore")
     with UrCell(cell_at(HOST)) as cell:
         yield cell
 
 
 @pytest.fixture
-def cell(emulator: Admin, cells: UrCell) -> UrCell:
-    """A person has seen to the last fault."""
+def impatient(emulator: Admin) -> Iterator[UrCell]:
+    """As the cell, for faults that only time can tell."""
     emulator.ask("restore")
-    return cells
+    with UrCell(with_patience_of_a_real_cell(HOST)) as cell:
+        yield cell
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +98,20 @@ def assert_at_rest(emulator: Admin) -> None:
     assert emulator.ask("state")["program"] == "STOPPED"
 
 
+def assert_final(robot: UrRobot, kind: str) -> None:
+    """Whatever is asked of the robot now, it is the same fault."""
+    calls: list[Callable[[], object]] = [
+        lambda: go(robot, Formation.APPROACH),
+        robot.observe,
+        lambda: robot.settle(1.0),
+    ]
+    for call in calls:
+        with pytest.raises(RobotFault) as again:
+            call()
+        assert again.value.kind == kind
+    robot.halt()
+
+
 @pytest.mark.parametrize("formation", list(Formation))
 @pytest.mark.parametrize("fault", list(FAULTS))
 def test_a_fault_during_a_motion_halts_the_arm_and_is_named(
@@ -104,38 +121,51 @@ def test_a_fault_during_a_motion_halts_the_arm_and_is_named(
     for earlier in list(Formation)[: formation.order]:
         go(robot, earlier)
     with when_moving(HOST, lambda admin: admin.fault(fault, **FAULTS[fault])) as happened:
+        began = time.monotonic()
         with pytest.raises(RobotFault) as caught:
             go(robot, formation)
-        seen = time.monotonic()
     assert caught.value.kind == ENDS.get(fault, fault)
-    assert seen - happened[0] < SEEN_WITHIN_S
+    assert emulator.ask("state")["time_s"] - happened[0] < SEEN_WITHIN_S
     assert_at_rest(emulator)
-    began = time.monotonic()
-    for call in (lambda: go(robot, formation), robot.observe, lambda: robot.settle(1.0)):
-        with pytest.raises(RobotFault) as again:
-            call()
-        assert again.value.kind == caught.value.kind
-    robot.halt()
-    assert time.monotonic() - began < SEEN_WITHIN_S
+    assert_final(robot, caught.value.kind)
+    assert time.monotonic() - began < HANGING_S
     assert_at_rest(emulator)
+
+
+def test_a_controller_that_stalls_is_halted_before_it_goes_on(
+    impatient: UrCell, emulator: Admin
+) -> None:
+    robot = prepared(impatient)
+    at: list[np.ndarray] = []
+
+    def stall(admin: Admin) -> None:
+        admin.fault("stall", seconds=4.0)
+        at.append(pose_of(admin))
+
+    with (
+        when_moving(HOST, stall),
+        pytest.raises(RobotFault, match="has sent nothing new for 0.9 s") as caught,
+    ):
+        go(robot, Formation.APPROACH)
+    assert caught.value.kind == "stalled"
+    emulator.grant(500)  # after the stall
+    assert np.linalg.norm((pose_of(emulator) - at[0])[:3]) < 0.003
+    assert_at_rest(emulator)
+    assert_final(robot, "stalled")
 
 
 @pytest.mark.parametrize("state", ["frozen", "error", "dead"])
 def test_no_new_picture_is_a_fault_with_the_arm_at_rest(
-    cell: UrCell, emulator: Admin, state: str
+    impatient: UrCell, emulator: Admin, state: str
 ) -> None:
-    robot = prepared(cell)
+    robot = prepared(impatient)
     robot.observe()
     emulator.fault("camera", state=state)
     go(robot, Formation.APPROACH)
-    began = time.monotonic()
     with pytest.raises(RobotFault) as caught:
         robot.observe()
     assert caught.value.kind == "camera"
-    assert time.monotonic() - began < 2.0 + SEEN_WITHIN_S
-    with pytest.raises(RobotFault) as again:
-        go(robot, Formation.CONTACT)
-    assert again.value.kind == "camera"
+    assert_final(robot, "camera")
     at = pose_of(emulator)
     emulator.grant(100)
     assert np.linalg.norm((pose_of(emulator) - at)[:3]) < 2e-4
@@ -143,20 +173,21 @@ def test_no_new_picture_is_a_fault_with_the_arm_at_rest(
 
 @pytest.mark.parametrize(("number", "words"), [(signal.SIGKILL, "ended"), (signal.SIGSTOP, "sign")])
 def test_a_driver_that_crashes_or_hangs_takes_nothing_along_but_the_trial(
-    cell: UrCell, emulator: Admin, number: int, words: str
+    impatient: UrCell, emulator: Admin, number: int, words: str
 ) -> None:
-    robot = prepared(cell)
+    robot = prepared(impatient)
     (process,) = (p for p in multiprocessing.active_children() if p.pid is not None)
     assert process.pid is not None
-    with when_moving(HOST, lambda admin: os.kill(process.pid, number)) as happened:  # type: ignore[arg-type]
-        with pytest.raises(RobotFault, match=words) as caught:
-            go(robot, Formation.APPROACH)
-        seen = time.monotonic()
+    pid = process.pid
+    with (
+        when_moving(HOST, lambda admin: os.kill(pid, number)),
+        pytest.raises(RobotFault, match=words) as caught,
+    ):
+        go(robot, Formation.APPROACH)
     assert caught.value.kind == "driver"
-    assert seen - happened[0] < 2 * SEEN_WITHIN_S
     assert "the arm is halted" in str(caught.value)
     assert_at_rest(emulator)
-    prepared(cell)  # the next trial has a driver of its own
+    prepared(impatient)  # the next trial has a driver of its own
 
 
 def test_ctrl_c_during_a_motion_is_a_fault_like_any_other(cell: UrCell, emulator: Admin) -> None:
@@ -164,9 +195,8 @@ def test_ctrl_c_during_a_motion_is_a_fault_like_any_other(cell: UrCell, emulator
     with when_moving(HOST, lambda admin: os.kill(os.getpid(), signal.SIGINT)) as happened:
         with pytest.raises(RobotFault) as caught:
             go(robot, Formation.APPROACH)
-        seen = time.monotonic()
     assert caught.value.kind == "interrupted"
-    assert seen - happened[0] < SEEN_WITHIN_S
+    assert emulator.ask("state")["time_s"] - happened[0] < SEEN_WITHIN_S
     assert_at_rest(emulator)
 
 
@@ -193,7 +223,7 @@ def test_a_trials_process_that_is_killed_leaves_the_arm_at_rest(
     parent = subprocess.Popen([sys.executable, script], env=environment)
     with when_moving(HOST, lambda admin: parent.kill()):
         parent.wait()
-    give_up = time.monotonic() + SEEN_WITHIN_S
+    give_up = time.monotonic() + HANGING_S
     while emulator.ask("state")["program"] != "STOPPED" and time.monotonic() < give_up:
         time.sleep(0.05)
     assert_at_rest(emulator)

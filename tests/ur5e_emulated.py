@@ -19,10 +19,15 @@ def cell_at(host: str, **patience: float) -> Configuration:
     return configuration.model_copy(update={"patience": changed})
 
 
+def with_patience_of_a_real_cell(host: str) -> Configuration:
+    """As far as a loaded machine allows."""
+    return cell_at(host, stamp_ms=900.0, driver_ms=1400.0, picture_ms=1500.0)
+
+
 @contextmanager
 def when_moving(host: str, do: Callable[[Admin], object]) -> Iterator[list[float]]:
-    """Do something once the arm has been moving for 0.2 s. The list gets the wall's time [s] when
-    it was done."""
+    """Do something once the arm has been moving for 0.2 s. The list gets the controller's time [s]
+    when it had been done."""
     done: list[float] = []
 
     def wait() -> None:
@@ -35,7 +40,7 @@ def when_moving(host: str, do: Callable[[Admin], object]) -> Iterator[list[float
                     began = state["time_s"]
                 if began is not None and state["time_s"] > began + 0.2:
                     do(admin)
-                    done.append(time.monotonic())
+                    done.append(admin.ask("state")["time_s"])
                     return
 
     thread = threading.Thread(target=wait)

@@ -39,7 +39,7 @@ _SAFETY = (  # bit, kind of fault, in words; the most serious first
 _START_S = 0.5  # for an asynchronous motion to be seen to have begun
 _UNCHANGED = 8  # looks at one time stamp before its age counts: a machine under load sleeps long
 _STILL_M_S, _STILL_RAD_S = 0.0005, 0.005
-_REACHABLE_S = 1.0
+_REACHABLE_S = 2.0
 
 
 class Arm:
@@ -197,7 +197,7 @@ class Arm:
         before = self._operation()
         self._accepted(self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), "a motion")
         # Right after it was accepted, a motion can still read as finished: that is the one before.
-        give_up = time.monotonic() + _START_S
+        give_up = time.monotonic() + max(_START_S, self._patience_s)
         while self._operation() == before:
             self.check()
             if time.monotonic() > give_up:

@@ -207,11 +207,21 @@ class Patience(_Section):
     """How long anything may take before the cell counts as broken. All of pliant's waits for a cell
     are these."""
 
-    stamp_ms: Annotated[float, Field(ge=20.0, le=5000.0)] = 100.0
-    driver_ms: Annotated[float, Field(ge=200.0, le=20_000.0)] = 1000.0
-    picture_ms: Annotated[float, Field(ge=100.0, le=20_000.0)] = 1500.0
-    gripper_ms: Annotated[float, Field(ge=20.0, le=5000.0)] = 200.0
+    stamp_ms: Annotated[float, Field(ge=20.0, le=60_000.0)] = 100.0
+    driver_ms: Annotated[float, Field(ge=200.0, le=60_000.0)] = 1000.0
+    dashboard_ms: Annotated[float, Field(ge=50.0, le=60_000.0)] = 300.0
+    picture_ms: Annotated[float, Field(ge=100.0, le=60_000.0)] = 1500.0
+    gripper_ms: Annotated[float, Field(ge=20.0, le=60_000.0)] = 200.0
     connect_ms: Annotated[float, Field(ge=500.0, le=120_000.0)] = 10_000.0
+
+    @model_validator(mode="after")
+    def _in_turn(self) -> Self:
+        if not self.driver_ms > self.stamp_ms:
+            raise ValueError(
+                f"driver_ms {self.driver_ms:g}: it must be above stamp_ms, {self.stamp_ms:g}, since"
+                " the driver waits that long for the controller"
+            )
+        return self
 
 
 class Emulator(_Section):

@@ -4,16 +4,16 @@ import contextlib
 import socket
 
 PORT = 29999
-_PATIENCE_S = 0.3  # for each of connecting, the greeting and the answer
 
 
-def stop(address: str) -> bool:
-    """End the program, which brakes the arm; whether the controller said that it has.
+def stop(address: str, patience_s: float) -> bool:
+    """End the program, which brakes the arm; whether the controller said that it has. Connecting
+    and each answer may take `patience_s`.
 
     ur_rtde's own calls hang when the connection is lost, `stopL` too; this does not.
     """
-    with contextlib.suppress(OSError), socket.create_connection((address, PORT), _PATIENCE_S) as s:
-        s.settimeout(_PATIENCE_S)
+    with contextlib.suppress(OSError), socket.create_connection((address, PORT), patience_s) as s:
+        s.settimeout(patience_s)
         s.sendall(b"stop\n")
         heard = b""
         while b"Stopped" not in heard:

@@ -20,6 +20,7 @@ class Driver:
         self._address = configuration.arm.address
         self._silence_s = configuration.patience.driver_ms * 1e-3
         self._connect_s = configuration.patience.connect_ms * 1e-3
+        self._dashboard_s = configuration.patience.dashboard_ms * 1e-3
         context = multiprocessing.get_context("spawn")  # ur_rtde's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=serve, args=(theirs, configuration), daemon=True)
@@ -108,7 +109,7 @@ class Driver:
 
     def _lost(self, how: str) -> RobotFault:
         """The driver crashed, or hangs in a call that ur_rtde does not return from."""
-        stopped = dashboard.stop(self._address)
+        stopped = dashboard.stop(self._address, self._dashboard_s)
         self._end()
         after = "the arm is halted" if stopped else "the controller does not confirm a halt"
         self.fault = RobotFault("driver", f"the arm's driver {how}; {after}")
@@ -123,9 +124,9 @@ class Driver:
         except RobotFault:
             pass  # as it should be
         except (EOFError, OSError):
-            dashboard.stop(self._address)
+            dashboard.stop(self._address, self._dashboard_s)
         else:
-            dashboard.stop(self._address)
+            dashboard.stop(self._address, self._dashboard_s)
         self._end()
         self.fault = RobotFault("interrupted", "interrupted by Ctrl-C; the arm is halted")
         return self.fault

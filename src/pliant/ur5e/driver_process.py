@@ -89,7 +89,8 @@ class _Driver:
         """Halt the arm, whatever it takes, and let its program end: nothing moves it any more."""
         if self._arm is not None and fault.kind in _SOFT:
             self._arm.stop()
-        dashboard.stop(self._configuration.arm.address)
+        configuration = self._configuration
+        dashboard.stop(configuration.arm.address, configuration.patience.dashboard_ms * 1e-3)
 
     # --- requests --------------------------------------------------------------------------------
 

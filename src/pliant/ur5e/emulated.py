@@ -12,11 +12,20 @@ from pliant.ur5e import configuration as c
 from pliant.ur5e.pace import AdminPort
 
 _PATIENCE_S = 20.0
+_REAL_TIME = {"stamp_ms": 900, "driver_ms": 1400, "gripper_ms": 900, "connect_ms": 30_000}
+_LOCKSTEP = {  # on a machine under load nothing is late
+    "stamp_ms": 10_000,
+    "driver_ms": 15_000,
+    "dashboard_ms": 5000,
+    "picture_ms": 20_000,
+    "gripper_ms": 10_000,
+    "connect_ms": 60_000,
+}
 
 
 def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.Configuration:
-    """Frames, tool, payload, stiffness and camera as the emulator has them; its patience is for a
-    machine that also has to compute the physics.
+    """Frames, tool, payload, stiffness and camera as the emulator has them; the patience is for a
+    machine that also has to compute the physics, in lockstep for any machine.
 
     Raises:
         InputError: no emulator answers there.
@@ -62,12 +71,7 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
                 "position_mm": [v * 1e3 for v in side["position"]],
                 "rotation_deg": [math.degrees(v) for v in angles_from(np.array(side["rotation"]))],
             },
-            "patience": {
-                "stamp_ms": 900,
-                "driver_ms": 1400,
-                "gripper_ms": 900,
-                "connect_ms": 30_000,
-            },
+            "patience": _LOCKSTEP if cell["mode"] == "lockstep" else _REAL_TIME,
             "emulator": {"admin_port": admin_port},
         }
     )
