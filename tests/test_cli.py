@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -12,11 +13,14 @@ from pliant.experiment.columns import TRIALS
 
 PLIANT = Path(sys.executable).parent / "pliant"
 EXAMPLES = Path(__file__).parent.parent / "examples"
+CELL = str(files("pliant") / "ur5e" / "example.yaml")
 
 
-def pliant(*words: str | Path) -> "subprocess.CompletedProcess[str]":
+def pliant(*words: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     command = [str(PLIANT), *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=120, cwd=cwd
+    )
 
 
 def test_a_run_tells_its_story_and_leaves_a_whole_result_folder(tmp_path: Path) -> None:
@@ -79,6 +83,10 @@ def test_a_peg_and_a_reasoner_of_ones_own_run(tmp_path: Path) -> None:
         (("--grasp-roll-deg", "-90", "5"), "within -15 deg to 15 deg"),
         (("--reasoner", "missing.py:Mine"), "does not exist"),
         (("--live",), "needs a screen"),
+        (("--cell", "missing.yaml"), "cell file 'missing.yaml' cannot be read"),
+        (("--cell", CELL), "condition 'all' draws the friction, which nobody can set"),
+        (("--cell", CELL, "--condition", "pose"), "a person who places things"),
+        (("--cell", CELL, "--condition", "pose", "--live"), "--live shows the simulated cell"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_status_two(
@@ -93,6 +101,16 @@ def test_bad_input_is_one_line_and_exit_status_two(
     assert done.stderr.startswith("pliant: ")
     assert len(done.stderr.splitlines()) == 1
     assert not out.exists()
+
+
+def test_an_experiment_in_a_real_cell_has_one_worker_and_a_person(tmp_path: Path) -> None:
+    words = ("experiment", "--conditions", "pose", "--cell", CELL, "--out", tmp_path / "run")
+    for more, says in ((("--workers", "2"), "are for the simulated cell"), ((), "a person who")):
+        done = pliant(*words, *more)
+        assert done.returncode == 2, done.stdout
+        assert says in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "run").exists()
 
 
 def test_an_output_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
@@ -128,3 +146,32 @@ def test_an_experiment_ends_with_its_tables_and_resumes(tmp_path: Path) -> None:
     assert "Table II" in tables.stdout
     assert set(json.loads(pliant("tables", tmp_path / "run", "--json").stdout)) > {"cells"}
     assert pliant("tables", tmp_path).returncode == 2
+
+
+def test_a_broken_recording_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    talk, out = tmp_path / "talk.jsonl", tmp_path / "out"
+    talk.write_text("not a recording\n")
+    refused = pliant("run", "--reasoner", "vlm", "--replay", str(talk), "--out", str(out))
+    assert refused.returncode == 2
+    assert "line 1, is broken" in refused.stderr
+    assert not out.exists()
+
+
+def test_running_again_after_a_change_keeps_what_was_run_before(tmp_path: Path) -> None:
+    """Editing one's own reasoner and running it again is the most natural thing to do."""
+    mine = tmp_path / "mine.py"
+    for text in ("first", "second"):
+        mine.write_text(
+            "from pliant.reasoners.controls import OpenLoop\n"
+            f'class Mine(OpenLoop):\n    """{text}"""\n'
+        )
+        ran = pliant("run", "--reasoner", "mine.py:Mine", "--no-video", cwd=tmp_path)
+        assert ran.returncode in (0, 1), ran.stderr
+    folders = sorted(p.name for p in (tmp_path / "runs").iterdir())
+    assert folders == ["L0-circle-all-mine.py_Mine-1", "L0-circle-all-mine.py_Mine-1.2"]
+
+
+def test_a_reader_that_has_seen_enough_gets_no_traceback(tmp_path: Path) -> None:
+    command = f"{PLIANT} run --help | head -1"
+    ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert "Traceback" not in ran.stderr

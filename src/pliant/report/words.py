@@ -1,5 +1,7 @@
 """Numbers and outcomes in words for people: millimetres, degrees, true minus signs."""
 
+import math
+
 from pliant.cell import Truth
 from pliant.formations import Step
 from pliant.pose import Axis, Partial
@@ -70,10 +72,13 @@ def drawn(name: str, value: float) -> tuple[str, str]:
 
 
 def truth(now: Truth) -> list[tuple[str, str]]:
-    """What was really so, as names and values."""
+    """What was really so, as names and values; of a real cell, a person's label."""
+    label = ("inserted", yes_no(now.inserted))
     _, y, z = now.tip
+    if not math.isfinite(z):
+        return [label]
     return [
-        ("inserted", yes_no(now.inserted)),
+        label,
         ("low edge in the hole", yes_no(now.fit)),
         ("depth", millimetres(now.depth_m)),
         ("tip y, z", f"{number(y * 1e3)}, {number(z * 1e3)} mm"),

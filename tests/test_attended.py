@@ -1,0 +1,213 @@
+"""A real cell's operator is told what to place, labels what came of it, and may always stop."""
+
+import io
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from pliant import store
+from pliant.cell import Truth
+from pliant.commissioning.attending import Attending
+from pliant.commissioning.operator import AtTerminal
+from pliant.errors import InputError, RobotFault
+from pliant.experiment import journal, results, runner
+from pliant.experiment.attended import Attended
+from pliant.experiment.plan import Experiment, from_fields
+from pliant.experiment.rows import Row
+from pliant.experiment.runner import Finished
+from pliant.experiment.where import Where
+from pliant.report import trial as report
+from pliant.sim.cell import SimCell, SimRobot
+from pliant.task import Setup, Task
+
+EXAMPLE = Path(str(files("pliant") / "ur5e" / "example.yaml"))
+LATER = 500  # control periods of 10 ms: the arm is on its way to Contact
+FAR = {"name": "far", "hole_y_mm": [-20, -20], "grasp_roll_deg": [5, 5]}
+
+
+class HandSet(SimCell):
+    """The simulated cell with what a real one lacks taken away: a person places and labels. Its
+    next trial breaks down after `periods` of control; None: it does not."""
+
+    kind = "ur5e"
+
+    def __init__(
+        self, person: AtTerminal, periods: int | None = None, fault: str = "protective_stop"
+    ) -> None:
+        super().__init__()
+        self.person, self.periods, self.fault = person, periods, fault
+        self.is_dead = False
+
+    def prepare(self, task: Task, setup: Setup) -> SimRobot:
+        if self.is_dead:
+            raise RobotFault("connection", "the controller does not answer")
+        self.person.place(task, setup)
+        robot = super().prepare(task, setup)
+        robot.watch(self._count_down)
+        return robot
+
+    def truth(self) -> Truth:
+        return self.person.truth()
+
+    def _count_down(self) -> None:
+        if self.periods is not None:
+            self.periods -= 1
+            if self.periods == 0:
+                raise RobotFault(self.fault, "the arm has braked")
+
+
+class Desk:
+    """A person's answers in advance, and all that was shown."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._patch = monkeypatch
+        self.console = Console(file=io.StringIO(), width=200)
+        self.person = Attending(self.console)
+
+    def sits_down(self, *answers: str) -> None:
+        self._patch.setattr(sys, "stdin", io.StringIO("".join(f"{a}\n" for a in answers)))
+        self.person = Attending(self.console)
+
+    @property
+    def shown(self) -> str:
+        assert isinstance(self.console.file, io.StringIO)
+        return self.console.file.getvalue()
+
+
+@pytest.fixture
+def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
+    return Desk(monkeypatch)
+
+
+def experiment(trials: int = 1) -> Experiment:
+    names = {"pegs": ["circle"], "conditions": [FAR], "reasoners": ["none"]}
+    return replace(from_fields({**names, "trials": trials}), where=Where(file=EXAMPLE))
+
+
+def attend(desk: Desk, folder: Path, trials: int = 1, **fault: Any) -> Finished:
+    plan = experiment(trials)
+    cell = HandSet(desk.person, **fault)
+    return runner.run(plan, folder, engine=Attended(cell, plan, desk.person))
+
+
+def recorded(folder: Path) -> list[Row]:
+    path = folder / journal.FILE
+    return [r.trial for r in journal.rows_at(path, (e.offset for e in journal.scan(path)))]
+
+
+def labels(rows: Sequence[Row]) -> dict[int, bool | None]:
+    return {row["seed"]: row["inserted"] for row in rows}
+
+
+def test_the_combination_is_shown_and_the_label_kept(tmp_path: Path, desk: Desk) -> None:
+    desk.sits_down("y", "n")
+    assert attend(desk, tmp_path).complete
+    for words in (
+        "circle, fresh in the gripper",
+        "20.0 mm from its nominal place, to the left in the camera's picture (the robot's right)",
+        "5.0°, the peg's tip to the right in the camera's picture",
+    ):
+        assert words in desk.shown
+    picture = desk.shown.partition("last picture: ")[2].splitlines()[0]
+    assert Path(picture).is_file()
+    assert desk.shown.index("Is the peg inserted?") < desk.shown.index("judged not inserted")
+    (row,) = results.read_trials(tmp_path).to_pylist()
+    assert (row["cell"], row["inserted"], row["failure_kind"]) == ("ur5e", False, "not_inserted")
+    assert row["depth_m"] is None
+    kept = tmp_path / "trials" / row["trial_id"]
+    trial = store.load_trial(kept)
+    assert (trial.cell, trial.inserted) == ("ur5e", False)
+    assert trial.truths[0].inserted is None
+    report.show(kept, trial, None)
+    assert "nan" not in re.sub("<[^>]*>", " ", (kept / report.PAGE).read_text()).split()
+
+
+def test_who_stops_or_skips_goes_on_there_later(tmp_path: Path, desk: Desk) -> None:
+    desk.sits_down("y", "n", "s", "q")
+    first = attend(desk, tmp_path, trials=3)
+    assert (first.complete, first.done) == (False, 1)
+    assert not (tmp_path / results.TRIALS_FILE).exists()
+    desk.sits_down("y", "u", "y", "y")
+    again = attend(desk, tmp_path, trials=3)
+    assert (again.complete, again.resumed) == (True, 1)
+    assert labels(recorded(tmp_path)) == {1: False, 2: None, 3: True}
+
+
+def test_a_trial_that_was_broken_off_is_kept_apart_and_done_again(
+    tmp_path: Path, desk: Desk
+) -> None:
+    desk.sits_down("y")
+    ended = attend(desk, tmp_path, periods=LATER, fault="interrupted")
+    assert (ended.complete, recorded(tmp_path)) == (False, [])
+    (kept,) = (tmp_path / "aborted").iterdir()
+    assert store.load_trial(kept).end_reason == "fault:interrupted"
+    desk.sits_down("y", "y")
+    assert attend(desk, tmp_path).complete
+    assert labels(recorded(tmp_path)) == {1: True}
+
+
+def test_a_fault_of_the_cell_is_a_result(tmp_path: Path, desk: Desk) -> None:
+    desk.sits_down("y", "n")
+    assert attend(desk, tmp_path, periods=LATER).complete
+    (row,) = recorded(tmp_path)
+    assert (row["end_reason"], row["failure_kind"]) == ("fault:protective_stop", "fault")
+    assert "ended by fault:protective_stop: the arm has braked" in desk.shown
+
+
+def test_a_cell_that_cannot_be_prepared_ends_it_without_a_result(
+    tmp_path: Path, desk: Desk
+) -> None:
+    plan = experiment()
+    cell = HandSet(desk.person)
+    cell.is_dead = True
+    with pytest.raises(InputError, match="cannot be prepared: the controller does not answer"):
+        runner.run(plan, tmp_path, engine=Attended(cell, plan, desk.person))
+    assert recorded(tmp_path) == []
+
+
+def test_who_leaves_without_a_label_leaves_the_trial_unlabelled(tmp_path: Path, desk: Desk) -> None:
+    desk.sits_down("y")  # and nothing more comes
+    ended = attend(desk, tmp_path, trials=2)
+    assert (ended.complete, ended.done) == (False, 1)
+    assert labels(recorded(tmp_path)) == {1: None}
+    assert desk.shown.count("fresh in the gripper") == 1
+
+
+def test_a_nominal_combination_is_said_in_words(desk: Desk) -> None:
+    desk.sits_down("y")
+    desk.person.place(experiment().cells[0].task, Setup(seed=1))
+    assert "hole   at its nominal place" in desk.shown
+    assert "grasp  straight" in desk.shown
+
+
+def test_what_nobody_can_set_or_know_at_a_real_cell_is_refused() -> None:
+    plan = experiment()
+    for changes, message in (
+        ({"conditions": ["all"]}, "draws the friction, which nobody can set"),
+        (
+            {"reasoners": ["oracle"], "conditions": ["pose"]},
+            "the oracle plans from the whole truth",
+        ),
+    ):
+        fields = {"pegs": ["circle"], "conditions": ["none"], "reasoners": ["none"], **changes}
+        with pytest.raises(InputError, match=message):
+            replace(from_fields(fields), where=plan.where)
+
+
+def test_a_cells_file_is_part_of_what_an_experiment_is(tmp_path: Path) -> None:
+    other = tmp_path / "cell.yaml"
+    other.write_text(EXAMPLE.read_text().replace("stiffness_n_mm: 1.0", "stiffness_n_mm: 1.5"))
+    real, stiffer = experiment(), replace(experiment(), where=Where(file=other))
+    simulated = replace(real, where=Where())
+    assert len({e.fingerprint for e in (real, stiffer, simulated)}) == 3
+    assert real.document["cell"]["kind"] == "ur5e"
+    same = tmp_path / "elsewhere.yaml"
+    same.write_text(EXAMPLE.read_text())
+    assert replace(real, where=Where(file=same)).fingerprint == real.fingerprint
