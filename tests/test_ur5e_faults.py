@@ -35,7 +35,7 @@ HOST, BOXED_HOST = "127.0.0.81", "127.0.0.83"
 SEEN_WITHIN_S = 0.2  # of the controller's clock
 HANGING_S = 20.0  # of the wall's: ur_rtde's own calls would hang for 30 s and more
 GOALS = shipped().goals
-FAULTS = {  # what happens, and what the trial ends with
+FAULTS: dict[str, dict[str, object]] = {
     "protective_stop": {},
     "emergency_stop": {},
     "power_off": {},
@@ -144,7 +144,7 @@ def test_a_controller_that_stalls_is_halted_before_it_goes_on(
 
     with (
         when_moving(HOST, stall),
-        pytest.raises(RobotFault, match="has sent nothing new for 0.9 s") as caught,
+        pytest.raises(RobotFault, match=r"has sent nothing new for 0\.9 s") as caught,
     ):
         go(robot, Formation.APPROACH)
     assert caught.value.kind == "stalled"
@@ -192,9 +192,11 @@ def test_a_driver_that_crashes_or_hangs_takes_nothing_along_but_the_trial(
 
 def test_ctrl_c_during_a_motion_is_a_fault_like_any_other(cell: UrCell, emulator: Admin) -> None:
     robot = prepared(cell)
-    with when_moving(HOST, lambda admin: os.kill(os.getpid(), signal.SIGINT)) as happened:
-        with pytest.raises(RobotFault) as caught:
-            go(robot, Formation.APPROACH)
+    with (
+        when_moving(HOST, lambda admin: os.kill(os.getpid(), signal.SIGINT)) as happened,
+        pytest.raises(RobotFault) as caught,
+    ):
+        go(robot, Formation.APPROACH)
     assert caught.value.kind == "interrupted"
     assert emulator.ask("state")["time_s"] - happened[0] < SEEN_WITHIN_S
     assert_at_rest(emulator)

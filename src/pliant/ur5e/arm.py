@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pliant.errors import InputError, RobotFault
 from pliant.ur5e.configuration import Configuration, Transform, transform, ur_pose
-from pliant.ur5e.pace import Pace, Stalled, pace_of
+from pliant.ur5e.pace import LOOK_S, Pace, Stalled, pace_of
 
 RTDE_PORT = 30004
 _FREQUENCY = 500.0  # [Hz]
@@ -37,6 +37,7 @@ _SAFETY = (  # bit, kind of fault, in words; the most serious first
     (1 << 8 | 1 << 9 | 1 << 10, "protective_stop", "the arm is stopped for safety"),
 )
 _START_S = 0.5  # for an asynchronous motion to be seen to have begun
+_WHY_S = 0.03
 _UNCHANGED = 8  # looks at one time stamp before its age counts: a machine under load sleeps long
 _STILL_M_S, _STILL_RAD_S = 0.0005, 0.005
 _REACHABLE_S = 2.0
@@ -88,6 +89,11 @@ class Arm:
         self._check_stamp()
         self._check_state()
         if not self._control.isProgramRunning():
+            # Why may arrive a moment later: it comes over the other connection.
+            give_up = time.monotonic() + _WHY_S
+            while time.monotonic() < give_up:
+                self._check_state()
+                time.sleep(LOOK_S)
             raise RobotFault("program_stopped", "the control program on the controller has ended")
 
     def _check_connection(self) -> None:
