@@ -17,7 +17,7 @@ from pliant.cell import Truth
 from pliant.commissioning.attending import Attending
 from pliant.commissioning.operator import AtTerminal
 from pliant.errors import InputError, RobotFault
-from pliant.experiment import journal, results, runner
+from pliant.experiment import journal, labels, results, runner
 from pliant.experiment.attended import Attended
 from pliant.experiment.plan import Experiment, from_fields
 from pliant.experiment.rows import Row
@@ -102,7 +102,7 @@ def recorded(folder: Path) -> list[Row]:
     return [r.trial for r in journal.rows_at(path, (e.offset for e in journal.scan(path)))]
 
 
-def labels(rows: Sequence[Row]) -> dict[int, bool | None]:
+def inserted(rows: Sequence[Row]) -> dict[int, bool | None]:
     return {row["seed"]: row["inserted"] for row in rows}
 
 
@@ -137,7 +137,7 @@ def test_who_stops_or_skips_goes_on_there_later(tmp_path: Path, desk: Desk) -> N
     desk.sits_down("y", "u", "y", "y")
     again = attend(desk, tmp_path, trials=3)
     assert (again.complete, again.resumed) == (True, 1)
-    assert labels(recorded(tmp_path)) == {1: False, 2: None, 3: True}
+    assert inserted(recorded(tmp_path)) == {1: False, 2: None, 3: True}
 
 
 def test_a_trial_that_was_broken_off_is_kept_apart_and_done_again(
@@ -150,7 +150,7 @@ def test_a_trial_that_was_broken_off_is_kept_apart_and_done_again(
     assert store.load_trial(kept).end_reason == "fault:interrupted"
     desk.sits_down("y", "y")
     assert attend(desk, tmp_path).complete
-    assert labels(recorded(tmp_path)) == {1: True}
+    assert inserted(recorded(tmp_path)) == {1: True}
 
 
 def test_a_fault_of_the_cell_is_a_result(tmp_path: Path, desk: Desk) -> None:
@@ -176,8 +176,26 @@ def test_who_leaves_without_a_label_leaves_the_trial_unlabelled(tmp_path: Path, 
     desk.sits_down("y")  # and nothing more comes
     ended = attend(desk, tmp_path, trials=2)
     assert (ended.complete, ended.done) == (False, 1)
-    assert labels(recorded(tmp_path)) == {1: None}
+    assert inserted(recorded(tmp_path)) == {1: None}
     assert desk.shown.count("fresh in the gripper") == 1
+
+
+def test_a_label_may_be_given_later(tmp_path: Path, desk: Desk) -> None:
+    desk.sits_down("y", "u", "y", "u", "y", "y")
+    assert attend(desk, tmp_path, trials=3).complete
+    desk.sits_down("y")  # and leaves
+    assert labels.label(tmp_path, desk.person.label) == (1, 1)
+    assert inserted(recorded(tmp_path)) == {1: True, 2: None, 3: True}
+    desk.sits_down("n")
+    assert labels.label(tmp_path, desk.person.label) == (1, 0)
+    table = results.read_trials(tmp_path).to_pylist()
+    assert inserted(table) == inserted(recorded(tmp_path)) == {1: True, 2: False, 3: True}
+    assert table[1]["failure_kind"] == "not_inserted"
+    (*_, last) = list(results.each_trials_executions(tmp_path))[1]
+    assert last["truth_inserted"] is False
+    assert attend(desk, tmp_path, trials=3).resumed == 3
+    with pytest.raises(InputError, match="name the folder of an experiment"):
+        labels.label(tmp_path / "trials", desk.person.label)
 
 
 def test_a_nominal_combination_is_said_in_words(desk: Desk) -> None:

@@ -55,7 +55,9 @@ class Attending(AtTerminal):
 
     def label(self, trial: Trial, picture: Path) -> bool | None:
         """What the person sees. Whoever leaves instead of answering has not labelled it, and there
-        is no next trial."""
+        is no next one: KeyboardInterrupt."""
+        if self._has_left:
+            raise KeyboardInterrupt
         if trial.fault:
             self._asked.print(f"ended by {trial.end_reason}: {trial.fault}", markup=False)
         self._asked.print(f"last picture: {picture}", markup=False, soft_wrap=True)

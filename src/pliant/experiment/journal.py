@@ -19,6 +19,7 @@ from typing import Self
 
 from pliant.errors import InputError
 from pliant.experiment.rows import Rows
+from pliant.store import write_bytes
 
 FILE = "journal.jsonl"
 _ROWS, _CRC = b',"rows":', b',"crc":'
@@ -131,6 +132,22 @@ class Journal:
             os.ftruncate(self._file, before)
             raise _unwritable(self.path, error) from error
         return before
+
+    def replace(self, rows: Rows) -> None:
+        """Write another line in the place of a finished trial's; the whole file, or nothing.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        lines = self.path.read_bytes().splitlines(keepends=True)
+        for n, entry in enumerate(scan(self.path)):
+            if entry.trial_id == rows.trial_id:
+                lines[n] = encoded(rows)
+        old = self._file
+        write_bytes(self.path, b"".join(lines))
+        self._file = os.open(self.path, os.O_RDWR | os.O_APPEND)
+        _lock(self._file, self.path)
+        os.close(old)
 
 
 def encoded(rows: Rows) -> bytes:

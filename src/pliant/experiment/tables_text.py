@@ -79,10 +79,8 @@ def table4(cells: Sequence[Document]) -> str:
     text = _table(header, rows)
     if any(c["cell"] in _SIMULATED for c in cells):
         text += (
-            "\n\nIn a simulated or an emulated cell nothing but the seed differs between the trials"
-            " of a combination, and with everything in its place the seed changes nothing: they are"
-            " repeats of one trial, and their interval tells nothing. The paper's are of a real"
-            " robot."
+            "\n\nIn a simulated cell the trials of a combination are repeats of one trial, in an"
+            " emulated one almost so: their intervals tell nothing. The paper's are a real robot's."
         )
     return text
 

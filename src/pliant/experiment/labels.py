@@ -1,0 +1,56 @@
+"""Labels that a person gives after the experiment: journal, records and Parquet files agree."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pliant import store
+from pliant.errors import InputError
+from pliant.experiment import journal, results
+from pliant.experiment.attended import labelled, last_picture
+from pliant.experiment.rows import rows_of
+from pliant.records import Trial
+
+Ask = Callable[[Trial, Path], bool | None]
+
+
+def label(folder: Path, ask: Ask) -> tuple[int, int]:
+    """Ask for the label of each trial that lacks one and was kept; `ask` gets it and its last
+    picture, and may raise KeyboardInterrupt to stop. How many were labelled, and how many are still
+    not. Each answer is on the disk before the next question.
+
+    Raises:
+        InputError: it is no run's folder, its journal is damaged or in use, a record is broken, or
+            something cannot be written.
+    """
+    path = folder / journal.FILE
+    if not path.is_file():
+        raise InputError(f"'{folder}' has no {journal.FILE}: name the folder of an experiment")
+    done = 0
+    with journal.Journal(path) as book:
+        lacking = [
+            kept
+            for entry in journal.scan(path)
+            if entry.inserted is None
+            and ((kept := folder / "trials" / entry.trial_id) / store.TRIAL).is_file()
+        ]
+        for kept in lacking:
+            trial = store.load_trial(kept)
+            try:
+                inserted = ask(trial, last_picture(kept, trial)) if trial.truths else None
+            except KeyboardInterrupt:
+                break
+            if inserted is not None:
+                named = labelled(trial, inserted)
+                store.save_trial(kept, named)
+                book.replace(rows_of(named))
+                done += 1
+    if done and (folder / results.TRIALS_FILE).is_file():
+        _write_again(folder, path)
+    return done, len(lacking) - done
+
+
+def _write_again(folder: Path, path: Path) -> None:
+    """The Parquet files, in the order they have."""
+    offsets = {entry.trial_id: entry.offset for entry in journal.scan(path)}
+    order = results.read_trials(folder)["trial_id"].to_pylist()
+    results.write(folder, path, [offsets[trial_id] for trial_id in order])
