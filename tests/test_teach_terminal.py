@@ -4,64 +4,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from a_terminal import Terminal
-from teach_keys import PRESSES
+from teach_keys import PRESSES, Hands, shows
 
 from pliant.formations import Formation
 
 PLIANT = Path(sys.executable).parent / "pliant"
-MOVES = {
-    "a": ("y", -1),
-    "d": ("y", 1),
-    "s": ("z", -1),
-    "w": ("z", 1),
-    ",": ("roll", 1),
-    "\x1b[B": ("z", -1),
-}
-LENGTHS = {"1": 0.5, "2": 2.0, "3": 10.0}
-
-
-def shows(axis: str, set_point: float) -> str:
-    """The row of the table that an axis has."""
-    return rf"(?m)^{axis} +{set_point:.1f} "
-
-
-class Hands:
-    """Press a key, wait until the screen shows what it must have done, press the next."""
-
-    def __init__(self, terminal: Terminal) -> None:
-        self.terminal = terminal
-        self.at = {"y": 0.0, "z": 243.8, "roll": 0.0}
-        self.length = 2.0
-        terminal.until(shows("z", 243.8))
-
-    def press(self, keys: Sequence[str]) -> None:
-        for key in keys:
-            self.terminal.press(key)
-            if key in LENGTHS:
-                self.length = LENGTHS[key]
-                self.terminal.until(rf"(?m)^y .* {self.length:g} mm")
-            elif key in MOVES:
-                axis, sign = MOVES[key]
-                self.at[axis] += sign * (2.0 if axis == "roll" else self.length)
-                self.terminal.until(shows(axis, self.at[axis]))
-
-    def teach(self, name: str, goal: str, keys: Sequence[str]) -> None:
-        self.press(keys)
-        self.terminal.press("\r")
-        self.terminal.until(f"{name} recorded: {goal}")
-
-    def retrace(self, name: str, at: dict[str, float]) -> None:
-        """Go to what was recorded for a formation, and on to the next."""
-        self.terminal.until(f"▶ {name}")
-        self.terminal.press("g")
-        self.at |= at
-        for axis, value in self.at.items():
-            self.terminal.until(shows(axis, value))
-        self.terminal.press("n")
 
 
 def test_goals_taught_with_keys_over_two_sessions_insert_the_peg(tmp_path: Path) -> None:

@@ -46,7 +46,8 @@ def teach(
     given = chosen.configuration
     speed = CONTACT_SPEED if given is None else given.limits.contact_speed_mm_s * 1e-3
     console = Console(highlight=False, soft_wrap=True)
-    title = f"pliant teach: {task.peg.name} peg, cell {cell}, for {goals}"
+    named = cell if chosen.file is None else chosen.file.name
+    title = f"pliant teach: {task.peg.name} peg, cell {named}, for {goals}"
     status = 1
     try:
         with opened(chosen, AtTerminal(console)) as workcell:
@@ -67,12 +68,11 @@ def teach(
             return 0
     except RobotFault as fault:
         console.print(f"{fault.end_reason}: {fault}", markup=False)
+        status = 130 if fault.kind == "interrupted" else 1
     except KeyboardInterrupt:
         status = 130
-    taught = (
-        f"{len({record.formation for record in place.draft.load()})} of 5 formations are taught"
-    )
-    console.print(f"halted; {taught}, and the same command goes on")
+    count = len({record.formation for record in place.draft.load()})
+    console.print(f"halted; {count} of 5 formations are taught, and the same command goes on")
     return status
 
 

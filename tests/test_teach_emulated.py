@@ -1,0 +1,108 @@
+"""`pliant teach` and `pliant check-cell` at an emulated UR5e, in a real terminal."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from a_terminal import Terminal
+from teach_keys import PRESSES, Hands
+
+from pliant.emulator.client import Admin, started
+from pliant.ur5e.configuration import save
+from pliant.ur5e.emulated import configuration_of
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs the extra 'ur5e'"),
+]
+
+HOST = "127.0.0.91"
+PLIANT = str(Path(sys.executable).parent / "pliant")
+
+
+@pytest.fixture(scope="module")
+def emulator() -> Iterator[Admin]:
+    with started("--mode", "lockstep", "--host", HOST) as admin:
+        yield admin
+
+
+@pytest.fixture
+def cell(emulator: Admin, tmp_path: Path) -> str:
+    """The cell's file."""
+    path = tmp_path / "cell.yaml"
+    save(path, configuration_of(HOST))
+    return str(path)
+
+
+def checks(cell: str) -> tuple[int, dict[str, str]]:
+    command = [PLIANT, "check-cell", "--cell", cell, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, {c["check"]: c["state"] for c in json.loads(done.stdout)["checks"]}
+
+
+def test_goals_taught_with_keys_at_the_arm_insert_the_peg(cell: str, tmp_path: Path) -> None:
+    goals = str(tmp_path / "taught" / "goals.yaml")
+    with Terminal([PLIANT, "teach", "--cell", cell, "--goals", goals]) as terminal:
+        hands = Hands(terminal)
+        for name, goal, keys in PRESSES:
+            hands.teach(name, goal, keys)
+        terminal.until("Enter writes the goals")
+        terminal.press("\r")
+        status, said = terminal.ended()
+        assert status == 0, said
+        assert terminal.attributes == terminal.before
+    words = [
+        "--cell",
+        cell,
+        "--goals",
+        goals,
+        "--condition",
+        "none",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    done = subprocess.run([PLIANT, "run", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_ctrl_c_during_a_motion_halts_the_arm(cell: str, emulator: Admin, tmp_path: Path) -> None:
+    with Terminal([PLIANT, "teach", "--cell", cell, "--goals", str(tmp_path / "g.yaml")]) as shown:
+        hands = Hands(shown)
+        hands.press(["3"])
+        shown.press("w")
+        shown.press("\x03")
+        _, said = shown.ended()
+        assert "halted; 0 of 5 formations are taught" in said
+        assert shown.attributes == shown.before
+    emulator.grant(250)
+    assert not emulator.ask("state")["moving"]
+
+
+def test_a_ready_cell_passes_every_check(cell: str) -> None:
+    status, states = checks(cell)
+    assert status == 0, states
+    assert set(states.values()) == {"pass"}
+
+
+@pytest.mark.parametrize(
+    ("fault", "fails"),
+    [
+        ({"kind": "protective_stop"}, "safety status"),
+        ({"kind": "power_off"}, "mode"),
+        ({"kind": "camera", "state": "dead"}, "camera"),
+    ],
+)
+def test_what_is_wrong_with_the_arm_is_a_finding(
+    cell: str, emulator: Admin, fault: dict[str, str], fails: str
+) -> None:
+    emulator.ask("fault", fault=fault)
+    try:
+        status, states = checks(cell)
+    finally:
+        emulator.ask("restore")
+    assert status == 1
+    assert states[fails] == "fail"
