@@ -9,6 +9,7 @@ from pliant.cli.calibrate import calibrate
 from pliant.cli.check_cell import check_cell
 from pliant.cli.experiment import experiment
 from pliant.cli.export import export
+from pliant.cli.label import label
 from pliant.cli.run import run
 from pliant.cli.tables import tables
 from pliant.cli.teach import teach
@@ -26,6 +27,7 @@ def main() -> None:
                 {
                     "run": run,
                     "experiment": experiment,
+                    "label": label,
                     "tables": tables,
                     "teach": teach,
                     "calibrate": calibrate,
