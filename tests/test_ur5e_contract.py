@@ -5,10 +5,13 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 
 import pytest
-from robot_contract import RobotContract
+from robot_contract import BESIDE, HOME, TASK, RobotContract, distance, move
 from ur5e_emulated import cell_at
 
-from pliant.emulator.client import started
+from pliant.cell import Stop
+from pliant.emulator.client import Admin, started
+from pliant.errors import InputError
+from pliant.task import Setup
 from pliant.ur5e.cell import UrCell
 
 pytestmark = [
@@ -20,10 +23,33 @@ HOST = "127.0.0.82"
 
 
 @pytest.fixture(scope="module")
-def cell() -> Iterator[UrCell]:
-    with started("--host", HOST, "--mode", "lockstep"), UrCell(cell_at(HOST)) as cell:
+def emulator() -> Iterator[Admin]:
+    with started("--host", HOST, "--mode", "lockstep") as admin:
+        yield admin
+
+
+@pytest.fixture(scope="module")
+def cell(emulator: Admin) -> Iterator[UrCell]:
+    with UrCell(cell_at(HOST)) as cell:
         yield cell
 
 
 class TestUrRobot(RobotContract):
     """As it is."""
+
+
+def test_a_hand_leads_the_arm_in_freedrive_until_the_next_motion(
+    cell: UrCell, emulator: Admin
+) -> None:
+    robot = cell.prepare(TASK, Setup(seed=0))
+    base = cell.configuration.task_frame.transform[:3, 3]
+    aside = BESIDE.position() + base
+    with pytest.raises(InputError, match="not in freedrive"):
+        emulator.ask("guide", pose=[*aside, 0.0, 0.0, 0.0])
+    robot.freedrive(True)
+    emulator.ask("guide", pose=[*aside, 0.0, 0.0, 0.0])
+    robot.settle(2.0)
+    assert distance(robot.observe(cameras=()).pose, BESIDE) < 0.001
+    assert move(robot, HOME) is Stop.REACHED
+    with pytest.raises(InputError, match="not in freedrive"):
+        emulator.ask("guide", pose=[*aside, 0.0, 0.0, 0.0])

@@ -220,6 +220,12 @@ class Arm:
         if self._receive.isConnected() and self._control.isConnected():  # else it hangs
             self._control.stopL(self._configuration.arm.stop_mm_s2 * 1e-3, True)
 
+    def freedrive(self, on: bool) -> None:
+        """Give way to a hand, or hold the arm where it is."""
+        self.check()
+        done = self._control.freedriveMode() if on else self._control.endFreedriveMode()
+        self._accepted(done, "freedrive")
+
     def disconnect(self) -> None:
         """Say goodbye to a controller in good health. ur_rtde hangs or crashes here after a lost
         connection: then let the process end instead."""

@@ -71,6 +71,7 @@ class _Driver:
         self._arm: Arm | None = None
         self._gripper: Gripper | None = None
         self._said_s = 0.0
+        self._is_guided = False
 
     def serve(self) -> None:
         while True:
@@ -110,6 +111,8 @@ class _Driver:
                 return self._measured()
             case m.Fingers(close=close):
                 self._fingers(close)
+            case m.Freedrive(on=on):
+                self._freedrive(on)
             case m.Halt(why=why):
                 self._halt(why)
         return None
@@ -127,6 +130,7 @@ class _Driver:
             self._gripper.hold()
 
     def _tare(self) -> None:
+        self._freedrive(False)
         self._come_to_rest()
         self._here.zero_force()
         readings = []
@@ -149,9 +153,15 @@ class _Driver:
         else:
             self._gripper.release()
 
+    def _freedrive(self, on: bool) -> None:
+        if on is not self._is_guided:
+            self._here.freedrive(on)
+            self._is_guided = on
+
     def _halt(self, why: str) -> None:
         if why:
             raise RobotFault("interrupted", why)
+        self._freedrive(False)
         self._come_to_rest()
 
     # --- motion ----------------------------------------------------------------------------------
@@ -159,6 +169,7 @@ class _Driver:
     def _move(self, request: m.Move) -> m.Moved:
         arm, settings, compression = self._here, self._configuration.arm, self._compression
         speed, stop_m_s2 = request.speed_m_s, settings.stop_mm_s2 * 1e-3
+        self._freedrive(False)
         target = self._base_of_task @ _transform(request.pose)
         limit = request.stop_at_compression_m
         limit -= compression.allowance(speed, stop_m_s2, _LATENCY_S)

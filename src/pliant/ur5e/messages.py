@@ -54,6 +54,13 @@ class Fingers:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Freedrive:
+    """Give way to a hand, or hold the arm where it is."""
+
+    on: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class Halt:
     """Brake. With `why` it ends whatever is under way, and the driver, as that fault."""
 
@@ -65,7 +72,7 @@ class Close:
     """Say goodbye."""
 
 
-Request = Connect | SetUp | Tare | Move | Wait | Measure | Fingers | Halt | Close
+Request = Connect | SetUp | Tare | Move | Wait | Measure | Fingers | Freedrive | Halt | Close
 
 
 @dataclass(frozen=True, kw_only=True)

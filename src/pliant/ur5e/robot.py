@@ -100,6 +100,11 @@ class UrRobot:
     def halt(self) -> None:
         self._driver.halt()
 
+    def freedrive(self, on: bool) -> None:
+        """Give way to a hand that leads the arm, or hold it where it is. The next motion, taring
+        and a halt end it too."""
+        self._ask(m.Freedrive(on=on))
+
     # --- inside ----------------------------------------------------------------------------------
 
     def _check_workspace(self, pose: Pose) -> None:
