@@ -1,5 +1,6 @@
 """The command line: the only place that chooses a cell and a reasoner. One file per command."""
 
+import os
 import sys
 
 import tyro
@@ -43,6 +44,9 @@ def main() -> None:
     except PliantError as error:
         print(f"pliant: {error}", file=sys.stderr)
         sys.exit(2)
+    except BrokenPipeError:  # whoever reads, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except KeyboardInterrupt:
         print("pliant: interrupted", file=sys.stderr)
         sys.exit(130)

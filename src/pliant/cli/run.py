@@ -4,7 +4,9 @@ import json as json_format
 import math
 import os
 import sys
+from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,8 +24,9 @@ from pliant.errors import InputError
 from pliant.experiment import journal, plan, results, runner
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.plan import Experiment
-from pliant.experiment.rows import rows_of
+from pliant.experiment.rows import exchanges, rows_of
 from pliant.pose import describe
+from pliant.reasoners.vlm.tape import Replayer
 from pliant.records import Execution, Trial
 
 if TYPE_CHECKING:
@@ -88,6 +91,8 @@ def run(
     model.check(experiment)
     if model.replay is None:
         experiment.check_models()
+    else:
+        Replayer(model.replay)  # refuses one that is broken before anything is written
     spec = next(experiment.specs())
     teaching = experiment.teaching()
     if dry_run:
@@ -96,7 +101,7 @@ def run(
         return rehearse.air_run(experiment.where, spec.task, teaching)
     from pliant.report import trial as report
 
-    folder = out or Path("runs") / spec.trial_id
+    folder = out or _free_folder(experiment, Path("runs") / spec.trial_id)
     teller = _Teller(Console(stderr=json, highlight=False, soft_wrap=True))
     trajectory = None
     if is_simulated:
@@ -113,6 +118,13 @@ def run(
     if json:
         print(json_format.dumps(rows_of(trial).trial))
     return 0 if _is_done(trial) else 1
+
+
+def _free_folder(experiment: Experiment, folder: Path) -> Path:
+    """The folder, or the first of its numbered sisters that holds no other configuration: what was
+    run before the goals, the code or a reasoner's file changed is kept."""
+    sisters = (folder.with_name(f"{folder.name}.{n}") for n in count(2))
+    return next(f for f in chain([folder], sisters) if runner.may_hold(experiment, f))
 
 
 def _simulated(
@@ -234,6 +246,9 @@ class _Teller:
         else:
             by = f"as labelled; {judged}"
             inserted = trial.inserted
+        notes = Counter(x.note for e in trial.executions for x in exchanges(e) if x.note)
+        for note, times in notes.items():
+            self.say(f"{times} of the requests to the model: {note}")
         fault = f" ({trial.fault})" if trial.fault else ""
         moves = sum(len(e.outcome.motions) for e in trial.executions)
         line = Text("inserted" if inserted else "not inserted", style="bold")

@@ -74,7 +74,7 @@ def trial_row(trial: Trial) -> Row:
         "wall_s": trial.wall_s,
         "failure_kind": failure_kind(trial),
         **_asked(trial),
-        **_spent([x for e in trial.executions for x in _exchanges(e)]),
+        **_spent([x for e in trial.executions for x in exchanges(e)]),
         **{f"drawn_{name}": value for name, value in trial.drawn.items()},
     }
 
@@ -151,7 +151,7 @@ def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> R
             row["clamped_from"] = _steps(recovery.clamped)
     if admission is not None:
         row |= {"admitted": _steps(admission.steps), "refusals": list(admission.refusals)}
-    return row | _spent(_exchanges(execution))
+    return row | _spent(exchanges(execution))
 
 
 def failure_kind(trial: Trial) -> str | None:
@@ -213,7 +213,8 @@ def _asked(trial: Trial) -> Row:
     }
 
 
-def _exchanges(execution: Execution) -> list[Exchange]:
+def exchanges(execution: Execution) -> list[Exchange]:
+    """What was asked of a model about an execution."""
     planned = execution.recovery
     return [*execution.verdict.exchanges, *(planned.exchanges if planned is not None else ())]
 

@@ -145,6 +145,14 @@ def prepare(experiment: Experiment, folder: Path) -> None:
         )
 
 
+def may_hold(experiment: Experiment, folder: Path) -> bool:
+    """Whether a folder holds nothing yet, or results of this very experiment."""
+    run_file = folder / store.RUN
+    if not run_file.exists():
+        return not folder.exists() or not any(folder.iterdir())
+    return bool(_configuration(run_file).get("fingerprint") == experiment.fingerprint)
+
+
 def _configuration(run_file: Path) -> dict[str, Any]:
     try:
         configuration = json.loads(run_file.read_bytes())["configuration"]
