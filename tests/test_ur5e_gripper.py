@@ -66,16 +66,18 @@ def polled(gripper: Gripper, seconds: float = 5.0) -> None:
 
 
 def test_a_peg_that_is_held_is_watched_without_waiting(gripper: Gripper) -> None:
-    gripper.hold()
+    gripper.watch(True)
     polled(gripper, 0.3)
 
 
 def test_a_lost_peg_is_a_fault(gripper: Gripper, server: Server) -> None:
-    gripper.hold()
+    gripper.watch(True)
     server.emulated.lose()
     with pytest.raises(RobotFault, match="lost the peg") as caught:
         polled(gripper)
     assert caught.value.kind == "gripper"
+    gripper.watch(False)  # a person takes it out
+    polled(gripper, 0.2)
 
 
 def test_no_peg_and_no_activation_are_found_before_a_trial(
@@ -83,10 +85,10 @@ def test_no_peg_and_no_activation_are_found_before_a_trial(
 ) -> None:
     server.emulated.lose()
     with pytest.raises(RobotFault, match="does not hold a peg"):
-        gripper.hold()
+        gripper.watch(True)
     server.emulated.answer("SET ACT 0")
     with pytest.raises(RobotFault, match="not activated"):
-        gripper.hold()
+        gripper.watch(True)
 
 
 def test_fingers_open_close_and_are_activated_once(gripper: Gripper, server: Server) -> None:
@@ -101,7 +103,7 @@ def test_fingers_open_close_and_are_activated_once(gripper: Gripper, server: Ser
 
 
 def test_an_unpowered_gripper_is_not_a_lost_peg(gripper: Gripper, server: Server) -> None:
-    gripper.hold()
+    gripper.watch(True)
     server.emulated.readable = False  # under an emergency stop, which the arm reports
     polled(gripper, 0.3)
     assert gripper.get("POS") is None
@@ -113,7 +115,7 @@ def test_an_unpowered_gripper_is_not_a_lost_peg(gripper: Gripper, server: Server
 def test_a_gripper_that_is_silent_or_talks_nonsense_is_a_fault_in_time(
     gripper: Gripper, server: Server, answer: str | None, words: str
 ) -> None:
-    gripper.hold()
+    gripper.watch(True)
     server.answer = lambda line: answer
     with pytest.raises(RobotFault, match=words) as caught:
         polled(gripper)
@@ -121,7 +123,7 @@ def test_a_gripper_that_is_silent_or_talks_nonsense_is_a_fault_in_time(
 
 
 def test_a_refused_command_is_a_fault(gripper: Gripper, server: Server) -> None:
-    server.answer = lambda line: "nack"
+    server.answer = lambda line: "STA 3\n" if line == "GET STA" else "nack"
     with pytest.raises(RobotFault, match="refuses 'SET POS 0"):
         gripper.release()
 

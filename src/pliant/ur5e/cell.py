@@ -36,7 +36,7 @@ class Operator(Protocol):
     """
 
     def place(self, task: Task, setup: Setup) -> None:
-        """The peg is to be gripped, and hole and peg to be where the setup says."""
+        """Hole and peg are to be where the setup says, the peg between the gripper's fingers."""
         ...
 
     def may_move(self, what: str) -> bool:
@@ -85,12 +85,11 @@ class UrCell:
         if self._admin is not None:
             self._set_up_emulator(self._admin, task, setup)
         driver, camera = self._connected(), self._seeing()
-        if self._operator is not None and self._admin is None:
-            self._operator.place(task, setup)
+        if self._admin is None:
+            assert self._operator is not None
+            self._set_up_by_hand(driver, camera, self._operator, task, setup)
         driver.ask(m.SetUp(holds=self.configuration.gripper is not None))
         robot = UrRobot(self.configuration, driver, camera, task)
-        if self._operator is not None and self._admin is None:
-            self._go_home(robot, self._operator)
         robot.tare()
         return robot
 
@@ -141,16 +140,37 @@ class UrCell:
             self._camera = open_camera(self.configuration.camera, patience_s)
         return self._camera
 
-    def _go_home(self, robot: UrRobot, operator: Operator) -> None:
-        """Straight up, then across: only after the person has agreed."""
+    def _set_up_by_hand(
+        self, driver: Driver, camera: Camera, person: Operator, task: Task, setup: Setup
+    ) -> None:
+        """The arm goes home, the person sets the scene, the fingers close on the peg: nothing
+        moves before the person has agreed."""
+        driver.ask(m.SetUp(holds=False))
+        self._go_home(UrRobot(self.configuration, driver, camera, task), person)
+        if self.configuration.gripper is None:
+            person.place(task, setup)
+            return
+        if person.may_move("open the gripper: hold the peg"):
+            driver.ask(m.Fingers(close=False))
+        person.place(task, setup)
+        if person.may_move("close the gripper on the peg: hands off"):
+            driver.ask(m.Fingers(close=True))
+
+    def _go_home(self, robot: UrRobot, person: Operator) -> None:
+        """Straight up, then across."""
         home = Pose(z=robot.task.tip_below_hinge + HOME_ABOVE_BOARD)
         here = robot.observe(cameras=()).pose
-        lifted = replace(here, z=home.z)
-        if not operator.may_move("lift the peg straight up and go to the start above the hole"):
+        if not person.may_move("lift the peg straight up and go to the start above the hole"):
             raise RobotFault("interrupted", "the operator did not let the arm go to its start")
         limit = self.configuration.limits.compression_mm * 1e-3
-        for pose in (lifted, home):
-            robot.move_to(pose, speed_m_s=_HOME_SPEED, stop_at_compression_m=limit)
+        for pose in (replace(here, z=home.z), home):
+            motion = robot.move_to(pose, speed_m_s=_HOME_SPEED, stop_at_compression_m=limit)
+            if motion.stop.is_early:
+                robot.halt()
+                raise RobotFault(
+                    "not_reached",
+                    "the wrist is pressed on the way to the start: free the peg by hand",
+                )
         robot.settle(_SETTLE_S)
 
     def _set_up_emulator(self, admin: AdminPort, task: Task, setup: Setup) -> None:

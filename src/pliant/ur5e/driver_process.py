@@ -126,8 +126,8 @@ class _Driver:
 
     def _set_up(self, holds: bool) -> None:
         self._here.set_up()
-        if self._gripper is not None and holds:
-            self._gripper.hold()
+        if self._gripper is not None:
+            self._gripper.watch(holds)
 
     def _tare(self) -> None:
         self._freedrive(False)

@@ -43,18 +43,20 @@ class Gripper:
             ) from error
         self._heard = b""
         self._holds = False
-        self._asked_s = self._answered_s = time.monotonic()
+        self._asked_s = time.monotonic()
         self._is_asked = False
 
     # --- with the arm at rest --------------------------------------------------------------------
 
-    def hold(self) -> None:
-        """From now on the peg must stay in the fingers."""
-        if self.get("STA") != _ACTIVE:
-            raise RobotFault("gripper", "the gripper is not activated: activate it without a peg")
+    def watch(self, holds: bool) -> None:
+        """Whether from now on the peg must be in the fingers, and stay there."""
+        self._holds = False
+        if not holds:
+            return
+        self._check_active()
         if (felt := self.get("OBJ")) != Object.CLOSING:
             raise RobotFault("gripper", f"the gripper does not hold a peg (OBJ {felt})")
-        self._holds, self._answered_s = True, time.monotonic()
+        self._holds = True
 
     def close_on_peg(self) -> None:
         """Close until the peg stops the fingers."""
@@ -89,8 +91,6 @@ class Gripper:
         if self._is_asked and (line := self._line_if_any()) is not None:
             self._is_asked = False
             felt = self._value(line, "OBJ")
-            if felt is not None:
-                self._answered_s = now
             if self._holds and felt is not None and felt != Object.CLOSING:
                 raise RobotFault("gripper", f"the gripper lost the peg (OBJ {felt})")
         if self._is_asked and now - self._asked_s > self._patience_s:
@@ -103,7 +103,12 @@ class Gripper:
 
     # --- the wire --------------------------------------------------------------------------------
 
+    def _check_active(self) -> None:
+        if self.get("STA") != _ACTIVE:
+            raise RobotFault("gripper", "the gripper is not activated: activate it without a peg")
+
     def _move(self, position: int) -> None:
+        self._check_active()
         settings = self._settings
         self._set(f"POS {position} SPE {settings.speed} FOR {settings.force} GTO 1")
         time.sleep(_POLL_S)  # OBJ speaks of the last motion until this one has begun
