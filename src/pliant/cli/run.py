@@ -26,7 +26,7 @@ from pliant.experiment.one import Spec, perform
 from pliant.experiment.plan import Experiment
 from pliant.experiment.rows import exchanges, rows_of
 from pliant.pose import describe
-from pliant.reasoners.vlm.tape import Replayer
+from pliant.reasoners import vlm
 from pliant.records import Execution, Trial
 
 if TYPE_CHECKING:
@@ -89,11 +89,9 @@ def run(
     if live and not is_simulated:
         raise InputError("--live shows the simulated cell: leave it out, or --cell")
     model.check(experiment)
-    if model.replay is None:
-        experiment.check_models()
-    else:
-        Replayer(model.replay)  # refuses one that is broken before anything is written
     spec = next(experiment.specs())
+    if spec.vlm is not None:  # refuses a missing key or a broken recording before it begins
+        vlm(spec.vlm, replay=model.replay)
     teaching = experiment.teaching()
     if dry_run:
         return rehearse.dry_run(experiment.where, spec.task, teaching)
