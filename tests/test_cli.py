@@ -175,3 +175,13 @@ def test_a_reader_that_has_seen_enough_gets_no_traceback(tmp_path: Path) -> None
     command = f"{PLIANT} run --help | head -1"
     ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert "Traceback" not in ran.stderr
+
+
+def test_starting_the_command_line_loads_no_optional_library() -> None:
+    script = (
+        "import sys, pliant.cli\n"
+        "optional = {'pydantic_ai', 'gymnasium', 'ray', 'rerun', 'rtde_control', 'mujoco'}\n"
+        "print(*optional & set(sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == []
