@@ -153,8 +153,10 @@ def test_what_opencv_opens_is_a_camera_and_its_end_is_a_fault(film: Path) -> Non
         assert view.image.shape == (HEIGHT, WIDTH, 3)
         assert view.image[15, 40, 2] > 200
         assert view.time_s == 2.0
+        assert camera.is_usable
         with pytest.raises(RobotFault, match="has stopped sending"):
             to_the_end(camera)
+        assert not camera.is_usable
     finally:
         camera.close()
 

@@ -68,12 +68,12 @@ def impatient(emulator: Admin) -> Iterator[UrCell]:
 
 
 @pytest.fixture(scope="module")
-def boxed() -> Iterator[tuple[Admin, UrCell]]:
-    """A cell whose controller has safety limits of its own, in its base frame."""
+def boxed() -> Iterator[Admin]:
+    """A controller with safety limits of its own, in its base frame."""
     box = ("0.4", "0.0", "0.2", "0.6", "0.25", "0.4")
     arguments = ("--host", BOXED_HOST, "--mode", "lockstep", "--box", *box)
-    with started(*arguments) as admin, UrCell(cell_at(BOXED_HOST)) as cell:
-        yield admin, cell
+    with started(*arguments) as admin:
+        yield admin
 
 
 def prepared(cell: UrCell) -> UrRobot:
@@ -190,6 +190,15 @@ def test_a_driver_that_crashes_or_hangs_takes_nothing_along_but_the_trial(
     prepared(impatient)  # the next trial has a driver of its own
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Also in a background job, which Ctrl-C does not reach."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_during_a_motion_is_a_fault_like_any_other(cell: UrCell, emulator: Admin) -> None:
     robot = prepared(cell)
     with (
@@ -239,16 +248,16 @@ def test_a_trials_process_that_is_killed_leaves_the_arm_at_rest(
     ],
 )
 def test_a_pose_outside_the_limits_is_refused_before_anything_moves(
-    boxed: tuple[Admin, UrCell], pose: Pose, words: str
+    boxed: Admin, pose: Pose, words: str
 ) -> None:
-    emulator, cell = boxed
-    robot = prepared(cell)
-    at = pose_of(emulator)
-    with pytest.raises(RobotFault, match=words) as caught:
-        robot.move_to(pose, speed_m_s=0.05, stop_at_compression_m=0.02)
-    assert caught.value.kind == "safety_limits"
-    emulator.grant(100)
-    assert np.linalg.norm((pose_of(emulator) - at)[:3]) < 2e-4
+    with UrCell(cell_at(BOXED_HOST)) as cell:
+        robot = prepared(cell)
+        at = pose_of(boxed)
+        with pytest.raises(RobotFault, match=words) as caught:
+            robot.move_to(pose, speed_m_s=0.05, stop_at_compression_m=0.02)
+        assert caught.value.kind == "safety_limits"
+        boxed.grant(100)
+        assert np.linalg.norm((pose_of(boxed) - at)[:3]) < 2e-4
 
 
 def test_a_trial_that_a_fault_ends_is_recorded_up_to_it(cell: UrCell, emulator: Admin) -> None:

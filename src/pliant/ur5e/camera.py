@@ -31,7 +31,10 @@ _ENDING_S = 2.0
 
 
 class Camera(Protocol):
-    """Where pictures come from."""
+    """Where pictures come from. Once it is not usable any more it has to be opened anew."""
+
+    @property
+    def is_usable(self) -> bool: ...
 
     def view(self, stamp_s: float, origin_s: float) -> View:
         """A picture taken after now, when the controller's time stamp is `stamp_s`. The view's time
@@ -78,6 +81,8 @@ def _view(settings: c.Camera, picture: Picture, time_s: float) -> View:
 class Http:
     """A picture per request. A server that stamps its pictures is held to it; of another one a
     picture counts as taken when it was asked for."""
+
+    is_usable = True  # nothing stays open
 
     def __init__(self, settings: c.Camera, patience_s: float) -> None:
         self._settings, self._patience_s = settings, patience_s
@@ -149,6 +154,10 @@ class Stream:
         self._thread = threading.Thread(target=self._run, args=(opener,), daemon=True)
         self._thread.start()
         self._after(0.0, max(patience_s, 10.0))
+
+    @property
+    def is_usable(self) -> bool:
+        return self._problem is None
 
     def view(self, stamp_s: float, origin_s: float) -> View:
         taken = time.monotonic() + self._settings.latency_ms * 1e-3

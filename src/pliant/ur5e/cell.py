@@ -135,7 +135,9 @@ class UrCell:
         return self._driver
 
     def _seeing(self) -> Camera:
-        if self._camera is None:
+        if self._camera is None or not self._camera.is_usable:
+            if self._camera is not None:
+                self._camera.close()
             patience_s = self.configuration.patience.picture_ms * 1e-3
             self._camera = open_camera(self.configuration.camera, patience_s)
         return self._camera
