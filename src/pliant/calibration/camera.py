@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from pliant.calibration.least_squares import Unknown, Vector, minimise, weights_of
+from pliant.calibration.least_squares import Unknown, Vector, minimise
 from pliant.calibration.outline import Hang, Points, block_points, outside, peg_points, project
 from pliant.cell import Camera
 from pliant.errors import InputError
@@ -30,6 +30,7 @@ _ROBUST_PX = (30.0, 8.0, 2.0, 1.0)
 _EDGE_SD_PX = 0.3
 _POINTS = 100  # of an outline
 _EDGES = 4  # of an outline: its points share their errors along an edge
+_SEEN = 0.75  # of an outline, whatever the fingers hide
 _LEAN_SD = 0.001  # [rad] of a tool taken to hang straight: as good as a camera further along y
 _FOOT = 0.12  # of the block's height from below: it may stand in something
 _UNKNOWNS = 14
@@ -181,12 +182,12 @@ class _Fit:
         return camera, hang, block_y
 
     def rms(self, x: Vector, shot: Shot) -> float:
-        """[px], of the part of the outline that nothing hides."""
+        """[px], of the larger part of the outline: fingers may hide the rest."""
         camera, hang, _ = self.read(x)
         corners = project(camera, peg_points(self.task, shot.pose, hang))
         off = outside(_thinned(shot.peg), corners) + x[13]
-        weights = weights_of(off, 2.0 * _ROBUST_PX[-1])
-        return math.sqrt(float(weights @ off**2) / float(np.sum(weights)))
+        kept = np.sort(np.abs(off))[: math.ceil(_SEEN * len(off))]
+        return math.sqrt(float(np.mean(kept**2)))
 
     def edge_sd_m(self, x: Vector) -> float:
         return _EDGE_SD_PX * self.read(x)[0].metres_per_pixel(0.0)

@@ -14,7 +14,7 @@ Vector = NDArray[np.float64]
 Residuals = Callable[[Vector], Vector]
 
 _STEPS = 60
-_ENOUGH = 1e-4  # relative improvement that is none
+_ENOUGH = 1e-5  # relative improvement that is none
 _MOST_DAMPED = 1e9
 
 
@@ -47,11 +47,6 @@ def minimise(
     return at
 
 
-def weights_of(values: Vector, scale: float) -> Vector:
-    """How much each residual counts, 0 to 1."""
-    return 1.0 / (1.0 + (values / scale) ** 2) ** 2
-
-
 def _levenberg_marquardt(
     residuals: Residuals, at: Vector, unknowns: list[Unknown], sds: Vector, scale: float
 ) -> Vector:
@@ -67,7 +62,7 @@ def _levenberg_marquardt(
 
     damping = 1e-3
     for _ in range(_STEPS):
-        weights = weights_of(residuals(at), scale)
+        weights = _weights(residuals(at), scale)
         here = whole(at, weights)
         jacobian = np.empty((len(here), len(at)))
         for i, step in enumerate(steps):
@@ -90,3 +85,8 @@ def _levenberg_marquardt(
         if better < _ENOUGH * cost:
             return at
     return at
+
+
+def _weights(values: Vector, scale: float) -> Vector:
+    """How much each residual counts, 0 to 1."""
+    return 1.0 / (1.0 + (values / scale) ** 2) ** 2

@@ -18,8 +18,9 @@ from pliant.pose import Axis, Pose
 from pliant.task import Task
 
 LEAST_SLOPE = 0.05  # of reported over real compression: less is none
-WORST_DEVIATION = 0.05  # of the force's range: the worst rms about the line
-WORST_HYSTERESIS = 0.15  # likewise, between pressing and releasing
+WORST_BEND = 0.02  # of the force's range: rms between the line and a parabola
+WORST_HYSTERESIS = 0.15  # of the force's range, between pressing and releasing
+WORST_SD = 0.05  # of the stiffness
 
 _BESIDE = Pose(x=0.025, y=-0.040)  # on the board, whatever peg, clear of the hole
 _ABOVE_M = 0.020  # of the nominal touch: the wrist hangs lower by its sag
@@ -45,22 +46,27 @@ class Press:
 
 @dataclass(frozen=True, kw_only=True)
 class WristFound:
-    """The wrist's response. Forces are fractions of the highest, so that no unit is assumed."""
+    """The wrist's response."""
 
     stiffness_n_m: float
     sd_n_m: float
     sign: int  # -1: the cell takes pressing for pulling
     touch_m: float  # the hinge point's height when the tip touches the board
-    deviation: float  # rms about the line, over the force's range
+    bend: float  # rms between the line and a parabola, over the force's range
     hysteresis: float  # mean gap between pressing and releasing, over the force's range
 
     def problem(self) -> str | None:
         """Why it is too poor to be used, and what to do; None: it is good."""
-        if self.deviation > WORST_DEVIATION:
+        if self.sd_n_m > WORST_SD * self.stiffness_n_m:
             return (
-                f"force and travel are not in proportion: {self.deviation:.0%} of the range off a"
-                f" line, more than {WORST_DEVIATION:.0%}: check that the peg stands on the board,"
-                " does not slip in the grasp, and that nothing else touches"
+                f"the stiffness is known to {self.sd_n_m / self.stiffness_n_m:.0%} only, worse than"
+                f" {WORST_SD:.0%}: keep the table still, and press again"
+            )
+        if self.bend > WORST_BEND:
+            return (
+                f"force and travel are not in proportion: {self.bend:.1%} of the range off a line,"
+                f" more than {WORST_BEND:.0%}: check that the peg stands on the board, does not"
+                " slip in the grasp, and that nothing else touches"
             )
         if self.hysteresis > WORST_HYSTERESIS:
             return (
@@ -136,8 +142,9 @@ def evaluate(pressed: Press, stiffness_n_m: float) -> WristFound:
             " tool's axis that stands upright), and the stiffness"
         )
     # One slope, a line of its own each way.
-    columns = np.column_stack([-height[felt], ~pressed.is_release[felt], pressed.is_release[felt]])
-    solution, *_ = np.linalg.lstsq(columns.astype(float), reading[felt], rcond=None)
+    back = pressed.is_release[felt].astype(float)
+    columns = np.column_stack([-height[felt], 1.0 - back, back])
+    solution, *_ = np.linalg.lstsq(columns, reading[felt], rcond=None)
     slope, offset_down, offset_up = (float(v) for v in solution)
     off = reading[felt] - columns @ solution
     variance = float(off @ off) / max(1, len(off) - 3)
@@ -152,6 +159,18 @@ def evaluate(pressed: Press, stiffness_n_m: float) -> WristFound:
         sd_n_m=stiffness_n_m * slope_sd,
         sign=sign,
         touch_m=(offset_down + offset_up) / 2 / slope,
-        deviation=math.sqrt(float(np.mean(off**2))) / top,
+        bend=_bend(height[felt], columns, reading[felt]) / top,
         hysteresis=abs(offset_down - offset_up) / top,
     )
+
+
+def _bend(
+    height: NDArray[np.float64], columns: NDArray[np.float64], reading: NDArray[np.float64]
+) -> float:
+    """Rms [m] of what a parabola explains and a line does not."""
+    square = (height - np.mean(height)) ** 2
+    rest, off = (
+        v - columns @ np.linalg.lstsq(columns, v, rcond=None)[0] for v in (square, reading)
+    )
+    share = float(rest @ off) / float(rest @ rest)
+    return abs(share) * math.sqrt(float(np.mean(rest**2)))

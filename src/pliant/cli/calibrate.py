@@ -236,7 +236,7 @@ class _Session:
             f" {believed * 1e-3:.3f}), sign {'as configured' if found.sign > 0 else 'reversed'}"
         )
         self._say(
-            f"  off a line by {found.deviation:.1%} of the force, pressing and releasing"
+            f"  off a line by {found.bend:.1%} of the force, pressing and releasing"
             f" {found.hysteresis:.1%} apart; it touches with the hinge at {found.touch_m * 1e3:.1f}"
             f" mm, {(found.touch_m - self._task.tip_below_hinge) * 1e3:+.1f} mm from nominal"
         )
