@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any
 
-from pliant.commissioning import keys
+from pliant.commissioning.keys import split
 from pliant.errors import InputError
 
 _WHOLE_S = 0.05  # for the rest of an escape sequence
@@ -24,9 +24,16 @@ class Keys:
     def __init__(self, file: int) -> None:
         self._file = file
         self._rest = b""
+        self._is_interrupted = False
 
     def wait(self, seconds: float) -> list[str]:
-        """The keys pressed until now; if none, those pressed first within `seconds`."""
+        """The keys pressed until now; if none, those pressed first within `seconds`.
+
+        Raises:
+            KeyboardInterrupt: also when it was raised before, where somebody's code lost it.
+        """
+        if self._is_interrupted:
+            raise KeyboardInterrupt
         if not self._is_ready(seconds):
             return []
         found: list[str] = []
@@ -34,10 +41,15 @@ class Keys:
             data = os.read(self._file, 1024)
             if not data:
                 return [*found, "q"]
-            pressed, self._rest = keys.split(self._rest + data)
+            pressed, self._rest = split(self._rest + data)
             found += pressed
         self._rest = b""
         return found
+
+    def interrupt(self, _number: int, _frame: FrameType | None) -> None:
+        """A signal's handler."""
+        self._is_interrupted = True
+        raise KeyboardInterrupt
 
     def _is_ready(self, seconds: float) -> bool:
         return bool(select.select([self._file], [], [], seconds)[0])
@@ -61,19 +73,17 @@ def single_keys() -> Iterator[Keys]:
     check_terminal()
     file = sys.stdin.fileno()
     before = termios.tcgetattr(file)
-    handlers = {n: signal.signal(n, _interrupt) for n in (signal.SIGHUP, signal.SIGTERM)}
+    keys = Keys(file)
+    signals = (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)
+    handlers = {number: signal.signal(number, keys.interrupt) for number in signals}
     try:
         tty.setcbreak(file)
         attributes: list[Any] = termios.tcgetattr(file)
         attributes[6][termios.VSUSP] = _OFF
         termios.tcsetattr(file, termios.TCSANOW, attributes)
-        yield Keys(file)
+        yield keys
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
         with suppress(termios.error):  # it has gone away
             termios.tcsetattr(file, termios.TCSAFLUSH, before)
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
