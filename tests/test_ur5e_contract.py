@@ -53,3 +53,16 @@ def test_a_hand_leads_the_arm_in_freedrive_until_the_next_motion(
     assert move(robot, HOME) is Stop.REACHED
     with pytest.raises(InputError, match="not in freedrive"):
         emulator.ask("guide", pose=[*aside, 0.0, 0.0, 0.0])
+
+
+def test_a_first_run_at_a_tenth_of_the_speed_is_ten_times_as_slow(
+    emulator: Admin, cell: UrCell
+) -> None:
+    cell.close()  # one client moves the arm at a time
+    configuration = cell_at(HOST)
+    arm = configuration.arm.model_copy(update={"speed_fraction": 0.1})
+    with UrCell(configuration.model_copy(update={"arm": arm})) as slow:
+        robot = slow.prepare(TASK, Setup(seed=0))
+        motion = robot.move_to(BESIDE, speed_m_s=0.05, stop_at_compression_m=0.02)
+    assert motion.stop is Stop.REACHED
+    assert motion.ended_s - motion.started_s > 0.9 * distance(HOME, BESIDE) / 0.005

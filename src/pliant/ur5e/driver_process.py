@@ -31,13 +31,7 @@ _LATENCY_S = 0.015  # from the force to the first braking, measured; five times 
 _SAMPLE_S = 0.05
 _REST_S = 0.5  # from the end of a motion, or from a stop, until the arm is still
 _NEAR_M, _NEAR_RAD = 0.002, math.radians(1.0)  # of a pose that counts as reached
-_SOFT = (
-    "gripper",
-    "interrupted",
-    "not_reached",
-    "safety_limits",
-    "envelope",
-)  # the arm still hears
+_HEARS = ("gripper", "interrupted", "not_reached", "safety_limits")  # faults after which it does
 
 
 def serve(pipe: Connection, configuration: Configuration) -> None:
@@ -88,8 +82,8 @@ class _Driver:
 
     def give_up(self, fault: RobotFault) -> None:
         """Halt the arm, whatever it takes, and let its program end: nothing moves it any more."""
-        if self._arm is not None and fault.kind in _SOFT:
-            self._arm.stop()
+        if self._arm is not None and fault.kind in _HEARS:
+            self._arm.stop()  # gentler than what follows
         configuration = self._configuration
         dashboard.stop(configuration.arm.address, configuration.patience.dashboard_ms * 1e-3)
 
