@@ -110,7 +110,7 @@ def test_the_combination_is_shown_and_the_label_kept(tmp_path: Path, desk: Desk)
     desk.sits_down("y", "n")
     assert attend(desk, tmp_path).complete
     for words in (
-        "circle, fresh in the gripper",
+        "circle, held between the fingers",
         "20.0 mm from its nominal place, to the left in the camera's picture (the robot's right)",
         "5.0°, the peg's tip to the right in the camera's picture",
     ):
@@ -177,7 +177,7 @@ def test_who_leaves_without_a_label_leaves_the_trial_unlabelled(tmp_path: Path, 
     ended = attend(desk, tmp_path, trials=2)
     assert (ended.complete, ended.done) == (False, 1)
     assert inserted(recorded(tmp_path)) == {1: None}
-    assert desk.shown.count("fresh in the gripper") == 1
+    assert desk.shown.count("held between the fingers") == 1
 
 
 def test_a_label_may_be_given_later(tmp_path: Path, desk: Desk) -> None:

@@ -30,6 +30,10 @@ def block(name: str) -> str:
         if table in ("kind", "formation"):
             return bench.grouped(scores, table)
         return bench.judging(scores) if table == "judging" else bench.planning(scores)
+    if run == "table4":
+        return tables_text.table4(
+            json.loads((RESULTS / f"table4_{table}.json").read_text())["placed"]
+        )
     document = json.loads((RESULTS / f"{run}.json").read_text())
     if table == "transitions":
         return tables_text.table3(document["transitions"], paper.REASONER)

@@ -37,7 +37,7 @@ class Attending(AtTerminal):
     def place(self, task: Task, setup: Setup) -> None:
         """Raises RobotFault "skipped" or "interrupted" when it is not done."""
         self._hole_y = setup.hole_y
-        self._asked.print(f"  peg    {task.peg.name}, fresh in the gripper")
+        self._asked.print(f"  peg    {task.peg.name}, held between the fingers")
         self._asked.print(f"  hole   {hole_in_words(setup.hole_y)}")
         self._asked.print(f"  grasp  {grasp_in_words(setup.grasp_roll)}")
         choices = {"y": "it is placed", "s": "skip this trial for now", "q": "stop here"}
