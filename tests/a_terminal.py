@@ -5,6 +5,7 @@ import os
 import pty
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -38,7 +39,12 @@ class Terminal:
             stdout=self._slave,
             stderr=self._slave,
             start_new_session=True,
-            env={**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"},
+            env={
+                **os.environ,
+                "TERM": "xterm-256color",
+                "COLORTERM": "truecolor",
+                "PYTHONFAULTHANDLER": "1",
+            },
         )
 
     def press(self, keys: str) -> None:
@@ -61,7 +67,10 @@ class Terminal:
         """The program's exit status and its last words."""
         give_up = time.monotonic() + _PATIENCE_S
         while self.process.poll() is None:
-            assert time.monotonic() < give_up, f"it does not end:\n{self.screen}"
+            if time.monotonic() > give_up:
+                self.process.send_signal(signal.SIGABRT)  # it says where it is
+                self._hear(1.0)
+                raise AssertionError(f"it does not end:\n{self.screen}")
             self._hear(0.1)
         self._hear(0.0)
         return self.process.returncode, _CONTROL.sub("", self._heard)[-400:]

@@ -1,12 +1,14 @@
 """What each key of `pliant teach` does, without a terminal; and teaching on a robot."""
 
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 from stand_ins import ScriptedRobot, motion_to, prepared, scene_of, side_camera
 from teach_keys import PRESSES
 
@@ -14,6 +16,7 @@ from pliant.cell import Observation, Robot, Stop, View
 from pliant.commissioning import session as s
 from pliant.commissioning.draft import Draft
 from pliant.commissioning.keys import HELP, INTENTS, split
+from pliant.commissioning.screen import render
 from pliant.commissioning.session import Session, begin
 from pliant.commissioning.teach import Place, Teacher, teach
 from pliant.envelope import Limits
@@ -90,6 +93,18 @@ def test_keys_are_the_same_however_the_terminal_cuts_what_it_sends(
     meant = {"\x1b[A": "up", "\x1bOB": "down", "A": "a", "\r": "enter", "5": "5"}
     assert [key for key in keys if key] == [meant[key] for key in sent if key in meant]
     assert rest == b""
+
+
+def test_the_whole_screen_fits_80_columns_by_24_rows() -> None:
+    session = after(begin(HOME), all_taught())
+    observation = Observation(time_s=0.0, pose=HOME, compression_m=0.0, views={"side": VIEW})
+    shown = render(session, observation, scene_of(), title="a long title " * 9, size=(80, 24))
+    console = Console(width=80, file=StringIO())
+    lines = console.render_lines(shown)
+    assert len(lines) <= 24
+    text = "".join(segment.text for line in lines for segment in line)
+    for word in ("done", "Enter writes the goals", "tip y", "hole y", "freedrive", "Ctrl-C", "▀"):
+        assert word in text
 
 
 # --- recording -----------------------------------------------------------------------------------

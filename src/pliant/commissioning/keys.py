@@ -78,7 +78,8 @@ INTENTS: Mapping[str, Intent] = {
     "q": Do.QUIT,
 }
 
-HELP = (
+HELP = (  # the most important first: a small screen loses the last ones
+    ("q Ctrl-C", "halt and end"),
     ("← → a d", "y"),
     ("↑ ↓ w s", "z"),
     (", .", "roll: lean left, right"),
@@ -92,7 +93,6 @@ HELP = (
     ("=", "put back what this formation keeps"),
     ("0", "tare"),
     ("f", "freedrive"),
-    ("q Ctrl-C", "halt and end"),
 )
 
 _ESCAPE = b"\x1b"

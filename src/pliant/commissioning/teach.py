@@ -35,7 +35,8 @@ class Hand(Protocol):
     """A robot that can be led by hand, as an arm in freedrive. The simulated one cannot."""
 
     def freedrive(self, on: bool) -> None:
-        """Give way to a hand, or hold the arm where it is."""
+        """Give way to a hand, or hold the arm where it is. `halt` and leaving the robot's context
+        hold it too."""
         ...
 
 
