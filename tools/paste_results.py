@@ -37,6 +37,8 @@ def block(name: str) -> str:
     document = json.loads((RESULTS / f"{run}.json").read_text())
     if table == "transitions":
         return tables_text.table3(document["transitions"], paper.REASONER)
+    if table == "own":
+        return tables_text.own(document["cells"])
     if table == "pairs":
         return tables_text.pairs(document["pairs"])
     return tables_text.table2(document["cells"])
