@@ -62,16 +62,17 @@ class CameraFound:
 
     def problem(self) -> str | None:
         """Why it is too poor to be used, and what to do; None: it is good."""
-        if self.total_rms_px > WORST_RMS_PX:
-            return (
-                f"the outlines are {self.total_rms_px:.2f} px off, more than {WORST_RMS_PX} px:"
-                " check the peg's size, the tool centre point, focus and the colour ranges"
-            )
-        if max(self.left_out_px) > WORST_LEFT_OUT_PX:
+        others = float(np.median(self.rms_px))
+        if max(self.left_out_px) > WORST_LEFT_OUT_PX and others <= WORST_RMS_PX:
             which = int(np.argmax(self.left_out_px)) + 1
             return (
                 f"picture {which}, left out, is {max(self.left_out_px):.2f} px off, more than"
                 f" {WORST_LEFT_OUT_PX} px: look whether the peg moved in the grasp, or still swung"
+            )
+        if self.total_rms_px > WORST_RMS_PX:
+            return (
+                f"the outlines are {self.total_rms_px:.2f} px off, more than {WORST_RMS_PX} px:"
+                " check the peg's size, the tool centre point, focus and the colour ranges"
             )
         if max(self.sd_at_hole_m) > WORST_AT_HOLE_M:
             return (
