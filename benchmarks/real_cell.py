@@ -1,20 +1,23 @@
-"""The UR5e cell's own code beside pure simulation: through the unmodified ur_rtde and the emulated
-controller, in lockstep, with the same loop, the same rules and the same seeds.
+"""The UR5e cell's own code, through the unmodified ur_rtde and the emulated controller.
 
-    python benchmarks/real_cell.py trials --trials 60     # the histories, side by side
+    python benchmarks/real_cell.py trials --trials 60     # histories beside pure simulation's
     python benchmarks/real_cell.py presses --presses 20   # how far past the limit contact goes
+    python benchmarks/real_cell.py faults                 # how soon each is seen, in real time
 
-Both take --force-noise, in newtons. A false stop is a motion that ended by compression on the UR5e
-cell in a trial in which none did in simulation.
+The first two are in lockstep and take --force-noise, in newtons. Trials have the same loop, rules
+and seeds on both sides; a false stop is a motion that ended by compression on the UR5e cell in a
+trial in which none did in simulation.
 """
 
 import argparse
+import threading
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pliant.cell import Stop, Workcell
-from pliant.emulator.client import started
+from pliant.emulator.client import Admin, started
 from pliant.errors import RobotFault
 from pliant.experiment.one import Spec, perform
 from pliant.pose import Pose
@@ -25,14 +28,23 @@ from pliant.teaching import shipped
 from pliant.ur5e.cell import UrCell
 from pliant.ur5e.emulated import configuration_of
 
-_HOST = "127.0.0.90"
+_HOST = "127.0.0.190"
 _SPEED = 0.020  # [m/s], of contact
 _LIMIT = 0.012  # [m]
+_FAULTS: dict[str, dict[str, float]] = {
+    "protective_stop": {},
+    "emergency_stop": {},
+    "power_off": {},
+    "stall": {"seconds": 2.0},
+    "drop_rtde": {},
+    "gripper_lost": {},
+}
+_STAMP_MS = 300.0  # of patience with a stalled controller: a machine under load needs some
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("what", choices=["trials", "presses"])
+    parser.add_argument("what", choices=["trials", "presses", "faults"])
     parser.add_argument("--trials", type=int, default=10)
     parser.add_argument("--presses", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=1)
@@ -41,6 +53,11 @@ def main() -> None:
     parser.add_argument("--force-noise", type=float, default=0.0)
     parser.add_argument("--ticks-per-look", type=int, default=5)
     options = parser.parse_args()
+    if options.what == "faults":
+        with started("--host", _HOST) as admin:
+            for kind in _FAULTS:
+                _suffer(admin, kind)
+        return
     arguments = ("--host", _HOST, "--mode", "lockstep", "--force-noise", str(options.force_noise))
     with started(*arguments):
         configuration = configuration_of(_HOST)
@@ -113,6 +130,40 @@ def _press(cell: UrCell, presses: int) -> None:
         f"{presses} presses to {_LIMIT * 1e3:g} mm at {_SPEED * 1e3:g} mm/s: {mm.mean():+.2f} mm"
         f" past the limit on average, {mm.min():+.2f} to {mm.max():+.2f} mm"
     )
+
+
+def _suffer(admin: Admin, kind: str) -> None:
+    """Let a fault happen during a motion."""
+    admin.ask("restore")
+    configuration = configuration_of(_HOST)
+    patience = configuration.patience.model_copy(update={"stamp_ms": _STAMP_MS})
+    happened: list[float] = []
+
+    def happen() -> None:
+        time.sleep(0.7)
+        admin.fault(kind, **_FAULTS[kind])
+        happened.append(time.monotonic())
+
+    with UrCell(configuration.model_copy(update={"patience": patience})) as cell:
+        robot = cell.prepare(load_task("circle"), Setup(seed=0))
+        thread = threading.Thread(target=happen)
+        thread.start()
+        try:
+            robot.move_to(Pose(y=0.05, z=0.24), speed_m_s=_SPEED, stop_at_compression_m=_LIMIT)
+            said = "it was not seen"
+        except RobotFault as fault:
+            said = f"fault:{fault.kind}: {fault}"
+        seen = time.monotonic()
+        thread.join()
+    time.sleep(0.1 + _FAULTS[kind].get("seconds", 0.0))
+    at = _position(admin)
+    time.sleep(0.5)
+    crept = float(np.linalg.norm(_position(admin) - at)) * 1e3
+    print(f"{kind:<16} after {seen - happened[0]:5.3f} s  {said}; then {crept:.2f} mm", flush=True)
+
+
+def _position(admin: Admin) -> NDArray[np.float64]:
+    return np.array(admin.ask("state")["tool_pose"][:3])
 
 
 if __name__ == "__main__":

@@ -33,11 +33,11 @@ _NORMAL = 1 << 0 | 1 << 1  # safety status bits: normal, reduced mode
 _SAFETY = (  # bit, kind of fault, in words; the most serious first
     (1 << 5 | 1 << 6 | 1 << 7, "emergency_stop", "the emergency stop is pressed"),
     (1 << 2, "protective_stop", "the arm is in a protective stop"),
-    (1 << 4 | 1 << 3, "safeguard_stop", "the safeguard has stopped the arm"),
+    (1 << 4, "safeguard_stop", "the safeguard has stopped the arm"),
     (1 << 8 | 1 << 9 | 1 << 10, "protective_stop", "the arm is stopped for safety"),
 )
 _START_S = 0.5  # for an asynchronous motion to be seen to have begun
-_WHY_S = 0.03
+_WHY_S = 0.03  # for the cause of an ended program to arrive
 _UNCHANGED = 8  # looks at one time stamp before its age counts: a machine under load sleeps long
 _STILL_M_S, _STILL_RAD_S = 0.0005, 0.005
 _REACHABLE_S = 2.0
@@ -103,12 +103,11 @@ class Arm:
             raise RobotFault("connection", "the connection to the controller is lost")
 
     def _check_stamp(self) -> None:
-        """A controller that stalls stays connected; only the age of its time stamp tells."""
+        """A controller that stalls stays connected; only the age of its time stamp tells. In
+        lockstep the pace itself says when ticks do not come."""
         stamp, now = self._receive.getTimestamp(), time.monotonic()
         self._looks += 1
-        if (
-            stamp != self._stamp or self.pace.is_lockstep
-        ):  # which says itself when ticks do not come
+        if stamp != self._stamp or self.pace.is_lockstep:
             self._stamp, self._seen_s, self._looks = stamp, now, 0
         elif now - self._seen_s > self._patience_s and self._looks >= _UNCHANGED:
             self._stalled(now - self._seen_s)
