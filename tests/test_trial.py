@@ -1,20 +1,23 @@
 import dataclasses
 import typing
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 from stand_ins import ScriptedReasoner, ScriptedRobot, goal_step, names, recovery_of
 
+from pliant import store
 from pliant.belief import Belief
 from pliant.cell import Robot, Stop, Truth
 from pliant.envelope import Guarded, Limits
+from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.pose import Axis, Pose
 from pliant.reasoners.controls import OpenLoop
 from pliant.records import Case, End, Execution, Recovery
 from pliant.skills.planar import Planar
-from pliant.task import Condition, Setup, load_task
+from pliant.task import Condition, Setup, Task, condition, load_task
 from pliant.teaching import shipped
 from pliant.trial import Patience, Run
 
@@ -135,6 +138,33 @@ def test_a_fault_anywhere_ends_it_with_its_kind_halted_and_everything_recorded(
     assert run.aborted.step.formation == FIVE[done]
     assert (run.aborted.under_way == run.aborted.target) is (call == "move_to")
     assert len(run.aborted.motions) == (call != "move_to")
+
+
+def test_what_a_fault_ended_is_kept_with_the_trial(tmp_path: Path) -> None:
+    class Cell:
+        kind = "scripted"
+
+        def prepare(self, task: Task, setup: Setup) -> Robot:
+            return ScriptedRobot(fault=("move_to", 3))
+
+        def truth(self) -> Truth:
+            return Truth(
+                inserted=False,
+                depth_m=0.0,
+                tip=(0.0, 0.0, 0.0),
+                tilt_rad=0.0,
+                hole_y=0.0,
+                compression_m=0.0,
+            )
+
+    spec = Spec(task=load_task("circle"), condition=condition("none"), seed=1, reasoner="none")
+    store.save_trial(tmp_path, perform(spec, Cell(), shipped()))
+    kept = store.load_trial(tmp_path)
+    assert kept.end_reason == "fault:lost"
+    assert kept.aborted is not None
+    assert kept.aborted.step.formation is FIT
+    assert kept.aborted.under_way == shipped().goals.target(FIT)
+    assert kept.aborted.motions == ()
 
 
 def test_a_motion_outside_the_envelope_is_a_fault_of_its_own_kind() -> None:

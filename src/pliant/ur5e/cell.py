@@ -89,9 +89,8 @@ class UrCell:
             assert self._operator is not None
             self._set_up_by_hand(driver, camera, self._operator, task, setup)
         driver.ask(m.SetUp(holds=self.configuration.gripper is not None))
-        robot = UrRobot(self.configuration, driver, camera, task)
-        robot.tare()
-        return robot
+        driver.ask(m.Tare())
+        return UrRobot(self.configuration, driver, camera, task)
 
     def truth(self) -> Truth:
         """The emulator's ground truth, or the operator's label."""
