@@ -205,7 +205,7 @@ def _goals(where: Where, task: Task) -> Finding:
     """Every pose that the taught plan commands, retreats included, lies in the workspace."""
     path, limits = where.goals, where.limits
     try:
-        taught = teaching.shipped() if path is None else teaching.load(path, limits)
+        taught = teaching.shipped() if path is None else teaching.load(path, limits, where.colours)
         commanded = plan_of(taught.for_task(task), task, limits)
     except InputError as error:
         return _judged("goals", False, str(error))

@@ -14,6 +14,7 @@ from pliant.envelope import Limits
 from pliant.formations import OWNED, Formation, Goals
 from pliant.pose import Axis, Partial, Pose, describe
 from pliant.teaching import Demonstration, Teaching, taught
+from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.scene import Scene
 
 _SAME = 0.05  # [mm, deg] within which an axis that a formation keeps counts as kept
@@ -105,15 +106,16 @@ class Session:
         """What is still to be taught, or to be taught again."""
         return [f for f in Formation if f not in self.records or self._is_stale(f)]
 
-    def teaching(self, peg: str) -> Teaching:
-        """What was taught, with `peg`'s name or file. Everything must have been."""
+    def teaching(self, peg: str, colours: Colours = SIMULATED) -> Teaching:
+        """What was taught, with `peg`'s name or file, in pictures of these `colours`. Everything
+        must have been."""
         records = self.records
         goals = {f: {axis: records[f].goal[axis] for axis in OWNED[f]} for f in Formation}
         shown = {
             f: Demonstration(formation=f, pose=records[f].pose, peg=peg, view=records[f].view)
             for f in Formation
         }
-        return taught(Goals(formations=goals), shown)
+        return taught(Goals(formations=goals), shown, colours)
 
     def _is_stale(self, formation: Formation) -> bool:
         return bool(self.astray(formation, self.records[formation].goal))

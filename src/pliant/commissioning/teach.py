@@ -162,7 +162,7 @@ class Teacher:
     def _write(self) -> None:
         """The goals file is read back before the draft goes."""
         self._place.check()
-        taught = self.session.teaching(self._place.peg)
+        taught = self.session.teaching(self._place.peg, self._colours)
         try:
             teaching.save(self._place.out, taught)
         except OSError as error:
@@ -170,7 +170,7 @@ class Teacher:
                 f"'{self._place.out}' cannot be written ({error.strerror}); the draft"
                 f" '{self._place.draft.folder}' is kept"
             ) from error
-        teaching.load(self._place.out, self._limits)
+        teaching.load(self._place.out, self._limits, self._colours)
         self._place.draft.remove()
         self.is_over = self.is_written = True
 
