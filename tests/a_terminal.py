@@ -84,6 +84,12 @@ class Terminal:
             self._heard += os.read(self._master, 65536).decode(errors="replace")
             seconds = 0.0
 
+    def hang_up(self) -> None:
+        """The connection is gone; the program has to end by itself."""
+        os.close(self._master)
+        self._master = -1
+        self.process.wait(_PATIENCE_S)
+
     def __enter__(self) -> Self:
         return self
 
@@ -95,5 +101,6 @@ class Terminal:
     ) -> None:
         self.process.kill()
         self.process.wait()
-        os.close(self._master)
+        if self._master >= 0:
+            os.close(self._master)
         os.close(self._slave)

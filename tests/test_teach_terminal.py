@@ -88,6 +88,17 @@ def test_a_request_to_end_puts_the_terminal_back(tmp_path: Path) -> None:
         assert terminal.attributes == terminal.before
 
 
+def test_teaching_ends_when_its_terminal_hangs_up_and_keeps_what_was_recorded(
+    tmp_path: Path,
+) -> None:
+    with Terminal([PLIANT, "teach", "--goals", tmp_path / "goals.yaml"]) as terminal:
+        Hands(terminal)
+        terminal.press("\r")
+        terminal.until("approach recorded")
+        terminal.hang_up()
+    assert (tmp_path / "goals.draft" / "draft.yaml").is_file()
+
+
 def test_without_a_terminal_teaching_is_refused_in_one_line(tmp_path: Path) -> None:
     command = list(map(str, [PLIANT, "teach", "--goals", tmp_path / "goals.yaml"]))
     done = subprocess.run(

@@ -38,7 +38,10 @@ class Keys:
             return []
         found: list[str] = []
         while self._is_ready(_WHOLE_S if self._rest else 0.0):
-            data = os.read(self._file, 1024)
+            try:
+                data = os.read(self._file, 1024)
+            except OSError:
+                data = b""
             if not data:
                 return [*found, "q"]
             pressed, self._rest = split(self._rest + data)
