@@ -55,7 +55,10 @@ QUANTITIES: Mapping[str, tuple[str, Axis | None]] = {
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
 _FIELDS = (*_BLOCK, "level", "cells", "trials", "first_seed", "goals", "vlm")
 _CELL_FIELDS = (*_BLOCK.values(), "level")
-_CANNOT_DECIDE = ("cli", "commissioning", "report", "export", "envs", "experiment", "store.py")
+_CANNOT_DECIDE = (
+    *("cli", "calibration", "commissioning", "report", "export", "envs", "emulator"),
+    *("experiment", "store.py"),
+)
 _DECIDE = ("one.py", "oracle.py", "rows.py")  # of the experiment's own
 
 
