@@ -43,9 +43,10 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
     x, y, z, *turn = cell["hinge_on_flange"]
     base = cell["base_in_task_m"]
     payload = cell["payload"]
+    is_lockstep = cell["mode"] == "lockstep"
     return c.Configuration.model_validate(
         {
-            "arm": {"address": address},
+            "arm": {"address": address, "watchdog_hz": 10 if is_lockstep else 2},
             "tcp": _millimetres(x, y, z)
             | dict(zip(("rx_deg", "ry_deg", "rz_deg"), map(math.degrees, turn), strict=True)),
             "payload": {
@@ -71,7 +72,7 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
                 "position_mm": [v * 1e3 for v in side["position"]],
                 "rotation_deg": [math.degrees(v) for v in angles_from(np.array(side["rotation"]))],
             },
-            "patience": _LOCKSTEP if cell["mode"] == "lockstep" else _REAL_TIME,
+            "patience": _LOCKSTEP if is_lockstep else _REAL_TIME,
             "emulator": {"admin_port": admin_port},
         }
     )
