@@ -1,4 +1,4 @@
-"""Teach the goals that ship: the circular peg in the nominal cell (Sec. V-A, "Default condition").
+"""Teach the goals that ship: the circular peg in the nominal cell (Sec. VI-A, "Default condition").
 
 The paper drove its robot by keyboard. Here the same is done by rule, so that it can be repeated:
 

@@ -146,7 +146,7 @@ class Robot(Protocol):
     ) -> None: ...
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
         """Move the hinge point in a straight line in the task frame; end at once, as a result, when
-        the wrist is pressed past the limit (Sec. IV-A, "Compression limit")."""
+        the wrist is pressed past the limit (Sec. V-A, "Compression limit")."""
         ...
 
     def settle(self, seconds: float) -> None:

@@ -1,5 +1,5 @@
 """The success checks of one execution: Table I, pose and compression as in the paper, and pliant's
-own metric check beside them (Sec. IV-A).
+own metric check beside them (Sec. V-A).
 
 Table I is applied to the picture's pixels, literally. Where it cannot see a failure (the trailing
 corner still on the near rim looks like a fit), the metric check votes too. A check that cannot be

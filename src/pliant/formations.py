@@ -1,4 +1,4 @@
-"""The five contact formations, the axes each owns, their goals, and plan steps (Sec. III)."""
+"""The five contact formations, the axes each owns, their goals, and plan steps (Sec. IV)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ OWNED: Mapping[Formation, tuple[Axis, ...]] = {
     Formation.ALIGN: (Axis.Y,),
     Formation.INSERTION: (Axis.Z,),
 }
-"""The axes that each formation's goal sets (Sec. III); all others stay at the goal of the formation
+"""The axes that each formation's goal sets (Sec. IV); all others stay at the goal of the formation
 before it, the paper's "-"."""
 
 RECOVERABLE = (Formation.FIT, Formation.ALIGN, Formation.INSERTION)
-"""Where a recovery plan may start (Sec. III): Approach and Contact succeed under a fixed board."""
+"""Where a recovery plan may start (Sec. IV): Approach and Contact succeed under a fixed board."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -129,7 +129,7 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class FailureAnalysis:
-    """What happened, why, how to recover, and the motion from the current goal (Sec. IV-B)."""
+    """What happened, why, how to recover, and the motion from the current goal (Sec. V-B)."""
 
     what: str
     why: str

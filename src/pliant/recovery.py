@@ -1,4 +1,4 @@
-"""What a reasoner is, and what of its plans may be done (Sec. IV-B)."""
+"""What a reasoner is, and what of its plans may be done (Sec. V-B)."""
 
 import math
 from typing import Protocol

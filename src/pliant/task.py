@@ -1,7 +1,7 @@
 """What is inserted into what, and what may differ from plan.
 
 `Task` is nominal: everything in it a method may know. `Condition.draw(seed)` gives a `Setup`, what
-is actual in one trial: it belongs to the experiment's side and never reaches a method (Sec. V-A,
+is actual in one trial: it belongs to the experiment's side and never reaches a method (Sec. VI-A,
 "Randomized conditions").
 """
 

@@ -1,4 +1,4 @@
-"""What was taught: a goal, a pose and a picture per contact formation (Sec. II: p_g and I_g).
+"""What was taught: a goal, a pose and a picture per contact formation (Sec. III: p_g and I_g).
 
 Goals are taught once, with the circular peg in the nominal cell, and used unchanged for every other
 peg, which is thereby unseen. They are kept as a YAML file with its pictures beside it.

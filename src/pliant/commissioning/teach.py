@@ -1,4 +1,4 @@
-"""Teaching goals by keyboard, as the paper did (Sec. II): keys move the arm in small steps, one key
+"""Teaching goals by keyboard, as the paper did (Sec. III): keys move the arm in small steps, one key
 records pose and picture, and what was recorded is on the disk at once.
 
 Every motion goes through the envelope, at contact speed, and ends when the wrist is pressed to its

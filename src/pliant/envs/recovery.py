@@ -1,4 +1,4 @@
-"""`pliant/Recovery-v0`: one step is one recovery decision of the paper's loop (Sec. IV-B).
+"""`pliant/Recovery-v0`: one step is one recovery decision of the paper's loop (Sec. V-B).
 
 The loop runs with the taught goals and the rules' judge until an execution fails; the agent sees
 what the case holds, in numbers (`decision.FIELDS`), and answers with a plan (`decision.ACTION`).

@@ -90,7 +90,9 @@ TRIALS: tuple[Column, ...] = (
     _column("judged", _YES_NO, "the paper's F: the verdict on Insertion was success"),
     _column("inserted", _YES_NO, "the paper's G: 10 mm deep inside the hole; null: not known"),
     _column("depth_m", _NUMBER, "final depth of the bottom face's centre below the board", "m"),
-    _column("end_reason", _TEXT, "inserted, exhausted, cap, stopped, refused, finished, `fault:KIND`"),
+    _column(
+        "end_reason", _TEXT, "inserted, exhausted, cap, stopped, refused, finished, `fault:KIND`"
+    ),
     _column("fault", _TEXT, "what was said when a fault ended the trial; null: no fault"),
     _column("executions", _WHOLE, "commanded formation skills"),
     _column("extra_fit", _WHOLE, "executions of Fit beyond the first"),

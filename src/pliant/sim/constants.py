@@ -36,8 +36,8 @@ BASE_POSITION: Final[Vec3] = (-0.5, -0.13, -0.14)  # [m] of the arm in the task 
 HOME_ABOVE_BOARD: Final = 0.06  # [m] of the peg's tip, before a trial [OWN]
 
 # Looks. -------------------------------------------------------------------------------------------
-PEG_RGBA: Final[Rgba] = (0.0, 0.7, 0.7, 1.0)  # cyan [F24], [PAP] Sec. IV-A
-BLOCK_RGBA: Final[Rgba] = (0.75, 0.05, 0.05, 1.0)  # red [F24], [PAP] Sec. IV-A
+PEG_RGBA: Final[Rgba] = (0.0, 0.7, 0.7, 1.0)  # cyan [F24], [PAP] Sec. V-A
+BLOCK_RGBA: Final[Rgba] = (0.75, 0.05, 0.05, 1.0)  # red [F24], [PAP] Sec. V-A
 IMAGE_SIZE: Final = (640, 480)  # [px] [OWN]
 SIDE_CAMERA_DISTANCE: Final = 1.2  # [m] from the hole's axis along +x [OWN]
 SIDE_CAMERA_HEIGHT: Final = 0.0  # [m]: at the board's surface, which it sees edge on [OWN]

@@ -1,7 +1,7 @@
 """The 2F-85's shape when it holds a peg: Menagerie's gripper, closed by its own actuator.
 
 The simulated cell needs the gripper's weight, its looks and its fingertips, not its linkage: the
-peg does not slip (Sec. V-A). So the linkage is settled once on a peg-wide block, and the poses of
+peg does not slip (Sec. VI-A). So the linkage is settled once on a peg-wide block, and the poses of
 its links are kept.
 """
 

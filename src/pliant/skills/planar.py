@@ -1,4 +1,4 @@
-"""The paper's skills: one straight, position-controlled motion per contact formation (Sec. III).
+"""The paper's skills: one straight, position-controlled motion per contact formation (Sec. IV).
 
 Approach moves in y, z and roll; Contact and Insertion in z; Fit and Align in y. The soft wrist does
 the rest. A step with `retreat` first leaves the hole: straight up, across, and down again.

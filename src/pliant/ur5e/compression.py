@@ -1,4 +1,4 @@
-"""From the force that the controller measures to how far the wrist is pressed (Sec. IV-A).
+"""From the force that the controller measures to how far the wrist is pressed (Sec. V-A).
 
 The sensor sits above the wrist: along the wrist's axis the force is the spring's. What hangs below
 it also presses on it less when the tool leans, which the simulated cell shows and the controller,

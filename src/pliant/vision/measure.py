@@ -1,4 +1,4 @@
-"""Picture to Scene: colour segmentation, the largest contours, and what they measure (Sec. IV-A).
+"""Picture to Scene: colour segmentation, the largest contours, and what they measure (Sec. V-A).
 
 The pixel quantities are the paper's: HSV thresholds, largest contour, `cv2.minAreaRect`, P_center,
 P_edge, H_center, tilt. The metric ones use the camera's calibration and the peg's known size: lines

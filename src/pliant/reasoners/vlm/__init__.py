@@ -1,1 +1,1 @@
-"""A vision-language model as the reasoner: judging, analysing and planning (Sec. IV)."""
+"""A vision-language model as the reasoner: judging, analysing and planning (Sec. V)."""

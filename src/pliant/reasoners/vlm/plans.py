@@ -1,4 +1,4 @@
-"""From a model's reply to steps: compiled, held against the analysis, clamped (Sec. IV-B).
+"""From a model's reply to steps: compiled, held against the analysis, clamped (Sec. V-B).
 
 Nothing here repairs a reply in silence. What may not be done is refused with a reason that goes
 back to the model.

@@ -1,4 +1,4 @@
-"""What a model is told and shown (Sec. IV): the static part first, so that servers can cache it,
+"""What a model is told and shown (Sec. V): the static part first, so that servers can cache it,
 then the goal picture, the situation, and the picture taken after the skill.
 
 It sees what the case holds and no more; numbers are in millimetres and degrees, as their names say.

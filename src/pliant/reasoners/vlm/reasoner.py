@@ -1,6 +1,6 @@
 """The reasoner that asks a vision-language model (protocol `pliant.recovery.Reasoner`).
 
-Judge, analyse, plan, as in Sec. IV. A model is never trusted: its plan passes the same admission as
+Judge, analyse, plan, as in Sec. V. A model is never trusted: its plan passes the same admission as
 any other and is refused with a reason once; refused again it is cut down where the evidence points
 the same way, else the rules answer in its place. The record says which.
 """
