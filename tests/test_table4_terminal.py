@@ -17,11 +17,19 @@ from pliant.ur5e.configuration import save
 
 PLIANT = Path(sys.executable).parent / "pliant"
 HOST = "127.0.0.89"
+QUESTIONS = (r"lift\s+the\s+peg", "Is it placed")
 PLAN = """
 trials: 2
 cells:
 - {peg: circle, reasoner: rules, condition: {name: hole_10, hole_y_mm: [-10, -10]}}
 """
+
+
+def agree(terminal: Terminal, seed: int) -> None:
+    """To each motion before a trial, and that things are in their place."""
+    for question in QUESTIONS:
+        terminal.until(rf"(?s)seed {seed}.*{question}")
+        terminal.press("y\n")
 
 
 @pytest.mark.system
@@ -30,15 +38,14 @@ def test_a_person_places_agrees_labels_and_stops(tmp_path: Path) -> None:
     plan, file, out = (tmp_path / name for name in ("plan.yaml", "cell.yaml", "out"))
     plan.write_text(PLAN)
     with started("--host", HOST) as emulator:
+        emulator.set_up(Setup(seed=0, hole_y=-0.01), "circle")
         real = cell_at(HOST, stamp_ms=2000.0, driver_ms=5000.0, picture_ms=5000.0)
-        save(file, real.model_copy(update={"emulator": None}))
+        slow = real.arm.model_copy(update={"watchdog_hz": 2.0})  # of a loaded machine
+        own = {"emulator": None, "gripper": None, "arm": slow}  # the peg is fixed to the wrist
+        save(file, real.model_copy(update=own))
         with Terminal([PLIANT, "experiment", plan, "--cell", file, "--out", out]) as terminal:
-            terminal.until(r"10\.0 mm from its nominal place, to the left")
-            terminal.until("Is it placed")
-            emulator.set_up(Setup(seed=1, hole_y=-0.01), "circle")
-            terminal.press("y\n")
-            terminal.until("Is the way free")
-            terminal.press("y\n")
+            agree(terminal, 1)
+            assert re.search(r"10\.0 mm from its nominal place, to the\s+left", terminal.screen)
             shown = terminal.until("Is the peg inserted")
             assert "judged" not in shown
             picture = re.search(r"last picture: (\S+?\.png)", shown)
@@ -46,9 +53,12 @@ def test_a_person_places_agrees_labels_and_stops(tmp_path: Path) -> None:
             assert Path(picture[1]).is_file()
             inserted = emulator.truth().inserted
             terminal.press("y\n" if inserted else "n\n")
-            terminal.until(r"seed 2[^?]*Is it placed")
+            terminal.until(r"(?s)seed 2.*lift\s+the\s+peg")
+            terminal.press("y\n")
+            terminal.until("(?s)seed 2.*Is it placed")
             terminal.press("q\n")
             status, last = terminal.ended()
+            assert not emulator.ask("state")["moving"]
     assert (status, "1 of 2 trials are done" in last) == (1, True)
     path = out / journal.FILE
     (row,) = (r.trial for r in journal.rows_at(path, (e.offset for e in journal.scan(path))))
