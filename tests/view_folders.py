@@ -1,4 +1,4 @@
-"""Result folders to look at: made-up rows, one trial that was really run; and how to read a page."""
+"""Result folders to look at: made-up rows, a trial that was really run; and how to read a page."""
 
 import json
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The loop: step, outcome, evidence, verdict, and on failure recovery and admitted steps (Sec. III).
+"""The loop: step, outcome, evidence, verdict, on failure recovery and admitted steps (Sec. III).
 
 The loop is an iterator of executions, so that an experiment samples truth between them, a terminal
 shows them as they happen, and an environment drives it step by step.

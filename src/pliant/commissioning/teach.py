@@ -1,5 +1,5 @@
-"""Teaching goals by keyboard, as the paper did (Sec. III): keys move the arm in small steps, one key
-records pose and picture, and what was recorded is on the disk at once.
+"""Teaching goals by keyboard, as the paper did (Sec. VI): keys move the arm in small steps, one
+key records pose and picture, and what was recorded is on the disk at once.
 
 Every motion goes through the envelope, at contact speed, and ends when the wrist is pressed to its
 limit. Keys that were pressed while the arm moved are dropped, and of several at once only the first
