@@ -283,8 +283,15 @@ class _RealSense(Source):
         except RuntimeError as error:
             raise RobotFault("camera", f"the RealSense camera does not start: {error}") from error
         if settings.source is c.Source.REALSENSE:
-            with contextlib.suppress(RuntimeError):  # a model without these options
+            try:
                 self._fix(profile.get_device().first_color_sensor(), settings)
+            except RuntimeError as error:
+                self.close()
+                raise RobotFault(
+                    "camera",
+                    f"the RealSense camera does not take its exposure or white balance ({error}):"
+                    " leave them out of the file, and see that its colours stay as they are",
+                ) from error
 
     def _fix(self, sensor: Any, settings: c.Camera) -> None:
         option = self._rs.option
