@@ -27,6 +27,8 @@ def block(name: str) -> str:
     run, _, table = name.partition("-")
     if run == "bench":
         scores = json.loads((RESULTS / "bench_reasoner.json").read_text())
+        small = json.loads((RESULTS / "bench_smollm2.json").read_text())
+        scores["reasoners"] |= small["reasoners"]  # on the first cases of the same set
         if table in ("kind", "formation"):
             return bench.grouped(scores, table)
         return bench.judging(scores) if table == "judging" else bench.planning(scores)
