@@ -116,7 +116,9 @@ class _Driver:
         self._arm = Arm(configuration)
         if configuration.gripper is not None:
             patience_s = configuration.patience.gripper_ms * 1e-3
-            self._gripper = Gripper(configuration.gripper, configuration.arm.address, patience_s)
+            self._gripper = Gripper(
+                configuration.gripper, configuration.arm.address, patience_s, self._wait
+            )
 
     def _set_up(self, holds: bool) -> None:
         self._here.set_up()

@@ -28,13 +28,20 @@ class Object(IntEnum):
 
 class Gripper:
     """One connection. `poll` never waits; the other calls wait for an answer, with a time-out.
+    While the fingers move, `idle` passes the time [s]: whoever owns an arm watches it meanwhile.
 
     Raises:
         RobotFault: "gripper": it does not answer, or what it says is not what it must say.
     """
 
-    def __init__(self, settings: c.Gripper, address: str, patience_s: float) -> None:
-        self._settings, self._patience_s = settings, patience_s
+    def __init__(
+        self,
+        settings: c.Gripper,
+        address: str,
+        patience_s: float,
+        idle: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._settings, self._patience_s, self._idle = settings, patience_s, idle
         try:
             self._socket = socket.create_connection((address, settings.port), patience_s)
         except OSError as error:
@@ -111,7 +118,7 @@ class Gripper:
         self._check_active()
         settings = self._settings
         self._set(f"POS {position} SPE {settings.speed} FOR {settings.force} GTO 1")
-        time.sleep(_POLL_S)  # OBJ speaks of the last motion until this one has begun
+        self._idle(_POLL_S)  # OBJ speaks of the last motion until this one has begun
         self._until(lambda: self.get("OBJ") != Object.MOVING, _MOVE_S, "does not come to rest")
 
     def _until(self, condition: Callable[[], bool], seconds: float, complaint: str) -> None:
@@ -119,7 +126,7 @@ class Gripper:
         while not condition():
             if time.monotonic() > give_up:
                 raise RobotFault("gripper", f"the gripper {complaint}")
-            time.sleep(_POLL_S)
+            self._idle(_POLL_S)
 
     def _set(self, pairs: str) -> None:
         self._finish_poll()
@@ -142,6 +149,7 @@ class Gripper:
 
     def _receive(self) -> bytes:
         try:
+            self._socket.settimeout(self._patience_s)  # a poll leaves it without one
             part = self._socket.recv(256)
         except TimeoutError as error:
             raise RobotFault("gripper", "the gripper does not answer") from error
