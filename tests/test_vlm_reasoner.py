@@ -341,13 +341,7 @@ except KeyboardInterrupt:
 """
 
 
-_ABORTS = "Python sometimes aborts while it ends after Ctrl-C: docs/log.md"
-
-
-@pytest.mark.parametrize(
-    "interrupted",
-    [pytest.param(True, marks=pytest.mark.xfail(strict=False, reason=_ABORTS)), False],
-)
+@pytest.mark.parametrize("interrupted", [True, False])
 def test_a_process_ends_at_once_and_leaves_nothing_open(interrupted: bool) -> None:
     """By Ctrl-C while a server keeps silent, and after a deadline; with warnings as errors."""
 

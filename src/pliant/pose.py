@@ -42,6 +42,8 @@ class Axis(StrEnum):
         return math.radians(value) if self.is_angle else value * 1e-3
 
 
+_AXES = tuple(Axis)
+
 Partial = Mapping[Axis, float]
 """Some axes of a pose, each in SI units: a goal names only the axes its formation owns."""
 
@@ -64,12 +66,13 @@ class Pose:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        for axis in Axis:
-            if not math.isfinite(self[axis]):
-                raise ValueError(f"pose {axis} is {self[axis]}: it must be a finite number")
+        values = (self.x, self.y, self.z, self.roll, self.pitch, self.yaw)
+        for axis, value in zip(_AXES, values, strict=True):
+            if not math.isfinite(value):
+                raise ValueError(f"pose {axis} is {value}: it must be a finite number")
 
     def __getitem__(self, axis: Axis) -> float:
-        return float(getattr(self, axis.value))
+        return float(getattr(self, axis))
 
     def updated(self, goal: Partial) -> "Pose":
         """This pose with the axes that `goal` names replaced."""

@@ -7,11 +7,9 @@ usable reply, or why there is none.
 import asyncio
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as WaitedLong
+from collections.abc import Callable, Coroutine, Sequence
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -35,6 +33,7 @@ T = TypeVar("T", bound=BaseModel)
 _AGAIN = 1  # times a refused reply is asked for again
 _TWICE = UsageLimits(request_limit=1 + _AGAIN)  # however many kinds of mistakes a model makes
 _GRACE_S = 5.0  # beyond the deadline, for a client that does not heed it
+_WAIT_S = 0.2
 _TAG = {Output.TOOL: ToolOutput, Output.NATIVE: NativeOutput, Output.PROMPTED: PromptedOutput}
 
 
@@ -99,19 +98,16 @@ def ask(
     before = len(wire.calls)
     wire.until = time.monotonic() + deadline_s
     value, problem = None, ""
-    future = asyncio.run_coroutine_threadsafe(answered(), _loop())
     try:
-        value = future.result(deadline_s + _GRACE_S)
+        value = _aside(answered, deadline_s + _GRACE_S)
     except PliantError:
         raise
-    except (TimeoutError, WaitedLong):
+    except TimeoutError:
         problem = _after(refusals, f"no usable reply within {settings.deadline_s:g} s")
     except AgentRunError as error:
         problem = _after(refusals, _reason(error))
     except Exception as error:  # a server may send anything, and a client library raise anything
         problem = _after(refusals, f"{type(error).__name__}: {error}")
-    finally:
-        _give_up(future)
     return Answer(
         value=value,
         problem=problem,
@@ -143,18 +139,33 @@ def _after(refusals: Sequence[str], reason: str) -> str:
     return told if told in reason else f"{told}; asked again: {reason}"
 
 
-def _give_up(future: "Future[Any]") -> None:
-    """End a conversation that still runs: the deadline passed, or Ctrl-C was pressed."""
-    if not future.done():
-        future.cancel()
+def _aside(conversation: Callable[[], Coroutine[Any, Any, T]], within_s: float) -> T:
+    """What the conversation gives, held in a thread and an event loop of its own: a notebook
+    already runs one. However it ends, by Ctrl-C too, both end with it.
 
+    Raises:
+        TimeoutError: it did not end within `within_s`.
+    """
+    begun: Future[asyncio.AbstractEventLoop] = Future()
 
-@cache
-def _loop() -> asyncio.AbstractEventLoop:
-    """One event loop in a thread of its own for the process: a notebook already runs one."""
-    loop = asyncio.new_event_loop()
-    threading.Thread(target=loop.run_forever, name="vlm", daemon=True).start()
-    return loop
+    def run() -> None:
+        with asyncio.Runner() as runner:  # cancels what is left
+            begun.set_result(runner.get_loop())
+            runner.get_loop().run_forever()
+
+    thread = threading.Thread(target=run, name="vlm", daemon=True)
+    thread.start()
+    loop = begun.result()
+    try:
+        future = asyncio.run_coroutine_threadsafe(conversation(), loop)
+        until = time.monotonic() + within_s
+        while time.monotonic() < until:  # in short waits: a signal may reach the other thread
+            if wait([future], _WAIT_S).done:
+                return future.result()
+        raise TimeoutError
+    finally:
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(_GRACE_S)
 
 
 def _exchanges(stage: str, calls: Sequence[Call], problem: str) -> tuple[Exchange, ...]:
