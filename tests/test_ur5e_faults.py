@@ -32,7 +32,7 @@ pytestmark = [
 ]
 
 HOST, BOXED_HOST = "127.0.0.81", "127.0.0.83"
-SEEN_WITHIN_S = 1.0  # of the controller's clock, on a loaded machine; benchmarks/real_cell.py measures it
+SEEN_WITHIN_S = 1.0  # of the controller's clock: a loaded machine
 HANGING_S = 20.0  # of the wall's: ur_rtde's own calls would hang for 30 s and more
 GOALS = shipped().goals
 FAULTS: dict[str, dict[str, object]] = {
