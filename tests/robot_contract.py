@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from pliant.cell import Robot, Stop, Workcell
+from pliant.conditions import Setup
 from pliant.formations import Formation
 from pliant.pose import Axis, Pose
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from pliant.belief import Belief
 from pliant.cell import Camera, Motion, Observation, Stop, Trace, View
+from pliant.conditions import Setup
 from pliant.errors import RobotFault
 from pliant.formations import OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Pose
@@ -27,7 +28,7 @@ from pliant.records import (
 )
 from pliant.sim.arm import HOME_GUESS
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene

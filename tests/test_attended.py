@@ -16,6 +16,7 @@ from pliant import store
 from pliant.cell import Truth
 from pliant.commissioning.attending import Attending
 from pliant.commissioning.operator import AtTerminal
+from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
 from pliant.experiment import journal, labels, results, runner
 from pliant.experiment.attended import Attended
@@ -25,7 +26,7 @@ from pliant.experiment.runner import Finished
 from pliant.experiment.where import Where
 from pliant.report import trial as report
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.task import Setup, Task
+from pliant.task import Task
 
 EXAMPLE = Path(str(files("pliant") / "ur5e" / "example.yaml"))
 LATER = 500  # control periods of 10 ms: the arm is on its way to Contact

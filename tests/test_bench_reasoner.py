@@ -14,6 +14,7 @@ from stand_ins import case_after, goal_step, outcome_of, recovery_of, scene_of, 
 
 from pliant.cell import Truth
 from pliant.checks import check
+from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.experiment.bench import table
 from pliant.experiment.bench.answers import Answer, answer, succeeded
@@ -36,7 +37,6 @@ from pliant.formations import OWNED, RECOVERABLE, Formation, Step
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Exchange, Recovery, Verdict
 from pliant.store import picture_name
-from pliant.task import Setup
 
 SET = Cases(SHIPPED)
 

@@ -12,10 +12,11 @@ from ur5e_emulated import cell_at
 
 from pliant.calibration import file
 from pliant.cli.calibrate import calibrate
+from pliant.conditions import condition
 from pliant.emulator.client import started
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.where import Where
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.ur5e import configuration as c
 

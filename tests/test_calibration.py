@@ -22,10 +22,11 @@ from pliant.calibration.outline import Hang, Points, block_points, outside, peg_
 from pliant.calibration.wrist import Press
 from pliant.cell import Camera
 from pliant.cli.calibrate import calibrate
+from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.errors import InputError, RobotFault
 from pliant.pose import Pose, rotation_matrix
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 from pliant.ur5e import configuration
 from pliant.vision.measure import SIMULATED, Colours, measure
 

@@ -15,10 +15,11 @@ from stand_ins import prepared
 
 from pliant.cell import Observation, Robot, Truth, Workcell
 from pliant.commissioning.preflight import Finding, State, check
+from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.errors import InputError, RobotFault
 from pliant.experiment.where import Where
-from pliant.task import Setup, Task, load_task
+from pliant.task import Task, load_task
 from pliant.teaching import save, shipped
 from pliant.ur5e.cell import Operator
 from pliant.vision.measure import Colours

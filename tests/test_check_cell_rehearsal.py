@@ -7,13 +7,14 @@ from stand_ins import ScriptedReasoner, ScriptedRobot, goal_step, prepared, reco
 
 from pliant.cli.rehearse import air_run, dry_run
 from pliant.commissioning.rehearsal import above, air, bounds_of, plan_of
+from pliant.conditions import Setup
 from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.experiment.where import Where
 from pliant.formations import RECOVERABLE, Formation
 from pliant.recovery import admit
 from pliant.skills.planar import Planar
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
 

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import pytest
 
+from pliant.conditions import CONDITIONS
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.pose import Axis
 from pliant.records import Execution, Trial
 from pliant.sim.cell import SimCell
-from pliant.task import CONDITIONS, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 CELL = SimCell()

@@ -15,10 +15,11 @@ import pytest
 import tyro
 
 from pliant.cli import main
+from pliant.conditions import condition
 from pliant.experiment import plan
 from pliant.experiment.one import Spec, perform
 from pliant.sim.cell import SimCell
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 ROOT = Path(__file__).parent.parent

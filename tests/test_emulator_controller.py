@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.conditions import Setup
 from pliant.emulator import faults, frames
 from pliant.emulator.controller import Controller, Mode, Runtime, Safety, SafetyLimits
 from pliant.emulator.frames import Array
@@ -15,7 +16,7 @@ from pliant.emulator.pace import Pace, Pacing
 from pliant.emulator.plant import Plant, nominal_payload
 from pliant.errors import InputError
 from pliant.sim.cell import SimCell
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 
 MOVE_L, MOVE_J, ZERO_FT, PAYLOAD, SET_TCP = 3, 1, 8, 17, 29
 STOP_L, WATCHDOG, SAFE_POSE, INVERSE, FREEDRIVE, FREEDRIVE_STATUS, FORCE_MODE = (

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pliant.conditions import Setup
 from pliant.emulator import frames
 from pliant.emulator.block import Block, CameraFault
 from pliant.emulator.controller import Controller, SafetyLimits
@@ -17,7 +18,7 @@ from pliant.emulator.plant import Plant
 from pliant.emulator.ports import Dashboard, Scripts, path_in
 from pliant.emulator.rtde import Connection, Rtde, frame, frames_in
 from pliant.errors import InputError
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 
 
 class Wire:

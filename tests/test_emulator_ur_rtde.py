@@ -21,11 +21,12 @@ import cv2
 import numpy as np
 import pytest
 
+from pliant.conditions import Setup, condition
 from pliant.emulator.camera import TIME_HEADER, described
 from pliant.emulator.client import Admin, started
 from pliant.errors import InputError
 from pliant.sim.cell import SimCell
-from pliant.task import Setup, condition, load_task
+from pliant.task import load_task
 
 pytestmark = [
     pytest.mark.system,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from stand_ins import UNSEEN, case_after, outcome_of, scene_of, verdict_of
 
 from pliant.cell import Motion
+from pliant.conditions import Condition, Setup, condition
 from pliant.envelope import Limits
 from pliant.envs.decision import ACTION, FIELDS, as_action, as_recovery, numbers
 from pliant.envs.insertion import STATE, STEP_M, STEP_RAD, InsertionEnv
@@ -29,7 +30,7 @@ from pliant.reasoners.rules import Rules
 from pliant.recovery import admit
 from pliant.sim.cell import SimCell
 from pliant.sim.stream import Streamed
-from pliant.task import Condition, Setup, condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 INSERTION, RECOVERY = "pliant/Insertion-v0", "pliant/Recovery-v0"

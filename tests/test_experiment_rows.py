@@ -10,6 +10,7 @@ import pytest
 from stand_ins import case_after, executed, goal_step, outcome_of, recovery_of
 
 from pliant.cell import Stop, Truth
+from pliant.conditions import NOMINAL, condition
 from pliant.experiment import results
 from pliant.experiment.columns import EXECUTIONS, KINDS, TRIALS, dictionary, schema
 from pliant.experiment.one import Spec
@@ -17,7 +18,7 @@ from pliant.experiment.rows import Rows, failure_kind, lost, rows_of
 from pliant.formations import Formation
 from pliant.pose import Axis
 from pliant.records import Admission, End, Exchange, Execution, Trial
-from pliant.task import NOMINAL, condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "data.md"

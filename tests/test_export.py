@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stored_run import FAILED, HELD_OUT, RECOVERED, store
 
+from pliant.conditions import NOMINAL
 from pliant.errors import InputError
 from pliant.export import failure_qa, lerobot, recording
 from pliant.export.source import TEST, TRAIN, Source, open_run, splits
 from pliant.records import Trial
-from pliant.task import NOMINAL
 
 PLIANT = Path(sys.executable).parent / "pliant"
 

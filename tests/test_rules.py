@@ -5,12 +5,13 @@ from pathlib import Path
 import pytest
 from stand_ins import PEGS, cell_for, names
 
+from pliant.conditions import CONDITIONS
 from pliant.errors import InputError
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.reasoners import REASONERS, reasoner
 from pliant.records import End, Trial
-from pliant.task import CONDITIONS, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 FIVE = [str(f) for f in Formation]

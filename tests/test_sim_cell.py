@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from stand_ins import PEGS, cell_for, prepared
 
 from pliant.cell import Motion, Stop
+from pliant.conditions import CONDITIONS, Setup
 from pliant.envelope import Limits
 from pliant.errors import InputError, RobotFault
 from pliant.experiment.one import Spec, perform
@@ -21,7 +22,7 @@ from pliant.sim import constants as c
 from pliant.sim.arm import Profile
 from pliant.sim.cell import SimCell, SimRobot, Trajectory
 from pliant.sim.model import BOARD, PEG
-from pliant.task import CONDITIONS, Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 SPEED, LIMIT = 0.05, 0.020
@@ -425,5 +426,7 @@ def test_an_earlier_picture_does_not_change_with_later_ones() -> None:
 
 
 def test_an_unknown_camera_lists_the_valid_ones() -> None:
-    with pytest.raises(InputError, match="unknown camera 'top': valid are side, wide"):
+    with pytest.raises(
+        InputError, match="unknown camera 'top': valid are side, front, oblique, wide"
+    ):
         prepared().observe(("top",))

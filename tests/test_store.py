@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pliant.conditions import condition
 from pliant.errors import InputError
 from pliant.experiment.one import Spec, perform
 from pliant.reasoners.rules import Rules
@@ -24,7 +25,7 @@ from pliant.store import (
     save_trial,
     write_run_json,
 )
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 

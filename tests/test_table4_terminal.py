@@ -10,9 +10,9 @@ import pytest
 from a_terminal import Terminal
 from ur5e_emulated import cell_at
 
+from pliant.conditions import Setup
 from pliant.emulator.client import started
 from pliant.experiment import journal
-from pliant.task import Setup
 from pliant.ur5e.configuration import save
 
 PLIANT = Path(sys.executable).parent / "pliant"

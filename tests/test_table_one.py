@@ -8,9 +8,9 @@ import pytest
 from stand_ins import PEGS, cell_for, outcome_of, picture, prepared, stand_peg
 
 from pliant.checks import check
+from pliant.conditions import Setup
 from pliant.formations import Formation
 from pliant.records import Check
-from pliant.task import Setup
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
 

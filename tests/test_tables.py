@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 
+from pliant.conditions import condition
 from pliant.errors import InputError
 from pliant.experiment import measures, paper, results, tables
 from pliant.experiment.one import Spec
 from pliant.experiment.rows import Row, Rows, lost
 from pliant.experiment.statistics import wilson
 from pliant.experiment.tables_text import markdown
-from pliant.task import condition, load_task
+from pliant.task import load_task
 
 GOAL = {"y_m": 0.0}
 

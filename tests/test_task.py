@@ -6,22 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pliant.errors import InputError
-from pliant.task import (
+from pliant.conditions import (
     CONDITIONS,
     NOMINAL,
     PAPER_RANGES,
-    VALID_RANGES,
+    QUANTITIES,
     Condition,
-    Hole,
-    Peg,
     Setup,
-    Task,
-    Wrist,
     condition,
-    load_task,
-    shipped_pegs,
 )
+from pliant.errors import InputError
+from pliant.task import Hole, Peg, Task, Wrist, load_task, shipped_pegs
 
 SEEDS = st.integers(0, 2**31)
 WritePeg = Callable[[str], str]
@@ -90,7 +85,9 @@ def test_an_unknown_peg_lists_the_valid_ones() -> None:
 
 
 def test_an_unknown_level_lists_the_valid_ones() -> None:
-    assert refused(lambda: load_task("circle", "L9")) == "unknown level 'L9': valid are L0"
+    assert refused(lambda: load_task("circle", "L9")).startswith(
+        "unknown level 'L9': valid are L0, L1"
+    )
 
 
 def test_a_missing_peg_file_is_named() -> None:
@@ -200,7 +197,7 @@ def test_a_draw_stays_in_its_range(seed: int, name: str) -> None:
 @given(st.data(), SEEDS)
 def test_a_range_can_be_set_and_is_respected(data: st.DataObject, seed: int) -> None:
     quantity = data.draw(st.sampled_from(sorted(NOMINAL)))
-    least, most = VALID_RANGES[quantity]
+    least, most = QUANTITIES[quantity].valid
     low, high = sorted(data.draw(st.tuples(st.floats(least, most), st.floats(least, most))))
     mine = Condition(name="mine", ranges={quantity: (low, high)})
     assert low <= getattr(mine.draw(seed), quantity) <= high
@@ -228,7 +225,7 @@ def test_an_unknown_condition_lists_the_valid_ones() -> None:
 
 def test_an_unknown_quantity_lists_the_valid_ones() -> None:
     message = refused(lambda: Condition(name="mine", ranges={"gravity": (0, 1)}))
-    assert message == "unknown quantity 'gravity': valid are friction, hole_y, grasp_roll"
+    assert message.startswith("unknown quantity 'gravity': valid are friction, hole_y, grasp_roll")
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from stand_ins import ScriptedReasoner, ScriptedRobot, goal_step, names, recover
 from pliant import store
 from pliant.belief import Belief
 from pliant.cell import Robot, Stop, Truth
+from pliant.conditions import Condition, Setup, condition
 from pliant.envelope import Guarded, Limits
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
@@ -17,7 +18,7 @@ from pliant.pose import Axis, Pose
 from pliant.reasoners.controls import OpenLoop
 from pliant.records import Case, End, Execution, Recovery
 from pliant.skills.planar import Planar
-from pliant.task import Condition, Setup, Task, condition, load_task
+from pliant.task import Task, load_task
 from pliant.teaching import shipped
 from pliant.trial import Patience, Run
 

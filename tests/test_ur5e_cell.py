@@ -10,13 +10,14 @@ import pytest
 from ur5e_emulated import cell_at
 
 from pliant.cell import Truth
+from pliant.conditions import Setup, condition
 from pliant.emulator.client import Admin, started
 from pliant.errors import InputError, RobotFault
 from pliant.experiment.one import Spec, perform
 from pliant.pose import Pose
 from pliant.records import Trial
 from pliant.sim.cell import SimCell
-from pliant.task import Setup, Task, condition, load_task
+from pliant.task import Task, load_task
 from pliant.teaching import shipped
 from pliant.ur5e.cell import UrCell, open_cell
 from pliant.ur5e.configuration import Configuration, load, save

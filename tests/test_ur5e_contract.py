@@ -9,9 +9,9 @@ from robot_contract import BESIDE, HOME, TASK, RobotContract, distance, move
 from ur5e_emulated import cell_at
 
 from pliant.cell import Stop
+from pliant.conditions import Setup
 from pliant.emulator.client import Admin, started
 from pliant.errors import InputError
-from pliant.task import Setup
 from pliant.ur5e.cell import UrCell
 
 pytestmark = [

@@ -15,13 +15,14 @@ import pytest
 from ur5e_emulated import cell_at, when_moving, with_patience_of_a_real_cell
 
 from pliant.cell import Truth
+from pliant.conditions import Setup, condition
 from pliant.emulator.client import Admin, started
 from pliant.errors import RobotFault
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.pose import Pose
 from pliant.records import Execution
-from pliant.task import Setup, condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.ur5e.cell import UrCell
 from pliant.ur5e.robot import UrRobot

@@ -12,9 +12,10 @@ import pytest
 from stand_ins import PEGS, cell_for, picture, prepared, seen, stand_peg
 
 from pliant.cell import Truth, View
+from pliant.conditions import Setup
 from pliant.sim.cell import SimRobot
 from pliant.sim.model import BOARD
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 from pliant.vision.measure import measure
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
 

@@ -16,12 +16,13 @@ from loopback import Handler, Loopback, completion, loopback
 from test_cli import pliant
 from voices import SpeaksForRules
 
+from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Recorder
 from pliant.sim.cell import SimCell
 from pliant.skills.planar import Planar
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
 

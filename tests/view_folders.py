@@ -10,6 +10,7 @@ from typing import Any
 
 from test_tables import made, step
 
+from pliant.conditions import condition
 from pliant.experiment import results, runner
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.plan import from_fields
@@ -27,7 +28,7 @@ from pliant.records import (
 from pliant.sim.cell import SimCell, Trajectory
 from pliant.sim.replay import save as save_trajectory
 from pliant.store import save_trial
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 HOSTILE = (

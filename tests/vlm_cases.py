@@ -12,13 +12,14 @@ from stand_ins import case_after, cell_for, executed, outcome_of, scene_of
 from pliant.belief import Belief
 from pliant.cell import Stop
 from pliant.checks import check
+from pliant.conditions import condition
 from pliant.formations import Formation
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.reasoner import Vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Recovery, Verdict
 from pliant.skills.planar import Planar
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
 

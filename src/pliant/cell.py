@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
+from pliant.conditions import Setup
 from pliant.pose import Pose
-from pliant.task import Setup, Task
+from pliant.task import Task
 
 
 def _array_from(value: Any) -> NDArray[np.float64]:

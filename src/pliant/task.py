@@ -1,23 +1,15 @@
-"""What is inserted into what, and what may differ from plan.
-
-`Task` is nominal: everything in it a method may know. `Condition.draw(seed)` gives a `Setup`, what
-is actual in one trial: it belongs to the experiment's side and never reaches a method (Sec. VI-A,
-"Randomized conditions").
-"""
+"""What is inserted into what: nominal, so that a method may know all of it."""
 
 import math
-import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from pliant.errors import InputError, unknown
-from pliant.pose import Axis
+from pliant.levels import Level, load_level
 
 BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block with the hole in it
 
@@ -140,6 +132,7 @@ class Task:
     hole: Hole = field(default_factory=Hole)
     wrist: Wrist = field(default_factory=Wrist)
     level: str = "L0"
+    depth: float = 0.010  # of insertion, of the bottom face's centre [m]; the paper's criterion
 
     # Kinematics of the tool, below the hinge point [m] (Fuchioka et al. 2024).
     grasp_below_hinge: float = 0.099
@@ -164,116 +157,7 @@ class Task:
         return self.peg.length - self.peg_top_above_grasp
 
 
-# --- what differs from plan --------------------------------------------------------------------
-
-NOMINAL: Mapping[str, float] = {"friction": 1.0, "hole_y": 0.0, "grasp_roll": 0.0}
-"""Every quantity that can be drawn, and its nominal value: friction is a factor on the hole's,
-hole_y [m], grasp_roll [rad] the peg's angle in the grasp."""
-
-PAPER_RANGES: Mapping[str, tuple[float, float]] = {
-    "friction": (1.0, 5.0),
-    "hole_y": (-0.02, 0.02),
-    "grasp_roll": (-math.radians(5), math.radians(5)),
-}
-
-VALID_RANGES: Mapping[str, tuple[float, float]] = {
-    "friction": (0.05, 20.0),
-    "hole_y": (-0.04, 0.04),
-    "grasp_roll": (-math.radians(15), math.radians(15)),
-}
-
-
-AXES: Mapping[str, Axis | None] = {"friction": None, "hole_y": Axis.Y, "grasp_roll": Axis.ROLL}
-"""The axis whose unit a quantity has; None: a bare factor."""
-
-
-def in_words(quantity: str, value: float) -> str:
-    """A quantity's value as a person reads it: "-20 mm", "5 deg", "3"."""
-    axis = AXES[quantity]
-    return f"{value:g}" if axis is None else f"{axis.to_report(value):g} {axis.report_unit}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """What is actual in one trial: friction, a factor on the hole's; hole_y [m]; grasp_roll [rad].
-    Ground truth: it stays on the experiment's side."""
-
-    seed: int
-    friction: float = 1.0
-    hole_y: float = 0.0
-    grasp_roll: float = 0.0
-
-    def quantities(self) -> dict[str, float]:
-        """Every quantity by its name, drawn or nominal."""
-        return {name: getattr(self, name) for name in NOMINAL}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """Which quantities are drawn, each uniformly from its range; the others stay nominal.
-
-    Raises:
-        InputError: a quantity is unknown, or its range is out of order or outside VALID_RANGES.
-    """
-
-    name: str
-    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, (low, high) in self.ranges.items():
-            if name not in NOMINAL:
-                raise unknown("quantity", name, NOMINAL)
-            least, most = VALID_RANGES[name]
-            if not least <= low <= high <= most:
-                raise InputError(
-                    f"condition '{self.name}': {name} from {in_words(name, low)} to"
-                    f" {in_words(name, high)} cannot be; it must lie in order within"
-                    f" {in_words(name, least)} to {in_words(name, most)}"
-                )
-
-    def draw(self, seed: int) -> Setup:
-        """The trial's setup. Every quantity has a stream of its own, so that a seed means the same
-        draw in every condition and for every peg."""
-        drawn = {
-            name: float(_stream(seed, name).uniform(low, high))
-            for name, (low, high) in self.ranges.items()
-        }
-        return Setup(seed=seed, **drawn)
-
-
-def _stream(seed: int, name: str) -> np.random.Generator:
-    return np.random.default_rng([seed, zlib.crc32(name.encode())])
-
-
-def _paper(name: str, *quantities: str) -> Condition:
-    return Condition(name=name, ranges={q: PAPER_RANGES[q] for q in quantities})
-
-
-CONDITIONS: Mapping[str, Condition] = {
-    c.name: c
-    for c in (
-        _paper("none"),
-        _paper("friction", "friction"),
-        _paper("pose", "hole_y", "grasp_roll"),
-        _paper("all", "friction", "hole_y", "grasp_roll"),
-    )
-}
-
-
-def condition(name: str) -> Condition:
-    """One of the paper's four conditions.
-
-    Raises:
-        InputError: no condition has that name.
-    """
-    if name not in CONDITIONS:
-        raise unknown("condition", name, CONDITIONS)
-    return CONDITIONS[name]
-
-
 # --- pegs are data -----------------------------------------------------------------------------
-
-LEVELS = ("L0",)
 
 
 def shipped_pegs() -> list[str]:
@@ -286,16 +170,26 @@ def shipped_pegs() -> list[str]:
 
 
 def load_task(peg: str, level: str = "L0") -> Task:
-    """The nominal task for a shipped peg's name or a peg file's path.
+    """The nominal task for a shipped peg's name or a peg file's path, on a level of the ladder.
 
     Raises:
         InputError: the name is unknown, or the file is missing or broken.
     """
-    if level not in LEVELS:
-        raise unknown("level", level, LEVELS)
+    return on_level(_load_peg(peg), load_level(level))
+
+
+def on_level(task: Task, level: Level) -> Task:
+    """A task with the hole and the depth that a level asks for."""
+    hole = task.hole
+    if level.clearance is not None:
+        hole = replace(hole, clearance=level.clearance)
+    return replace(task, hole=hole, depth=level.depth, level=level.name)
+
+
+def _load_peg(peg: str) -> Task:
     if peg in shipped_pegs():
         text = (files("pliant") / "pegs" / f"{peg}.yaml").read_text()
-        return _parse_peg(text, peg, level)
+        return _parse_peg(text, peg)
     path = Path(peg)
     if path.suffix not in (".yaml", ".yml"):
         raise unknown("peg", peg, shipped_pegs(), "or the path of a peg file (.yaml)")
@@ -305,10 +199,10 @@ def load_task(peg: str, level: str = "L0") -> Task:
         raise InputError(f"peg file '{peg}' cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"peg file '{peg}' is not text: it must be YAML in UTF-8") from error
-    return _parse_peg(text, path.stem, level)
+    return _parse_peg(text, path.stem)
 
 
-def _parse_peg(text: str, name: str, level: str) -> Task:
+def _parse_peg(text: str, name: str) -> Task:
     try:
         data = yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -336,7 +230,7 @@ def _parse_peg(text: str, name: str, level: str) -> Task:
         raise InputError(
             f"peg file '{name}': unknown field '{next(iter(data))}' for shape '{shape}'"
         )
-    return Task(peg=peg, hole=hole, level=level)
+    return Task(peg=peg, hole=hole)
 
 
 def _millimetres(data: dict[str, Any], key: str, name: str, default: float | None = None) -> float:

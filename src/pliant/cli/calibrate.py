@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from pliant import task as task_module
+from pliant import conditions
 from pliant.calibration import camera as camera_calibration
 from pliant.calibration import colours as colour_calibration
 from pliant.calibration import file, tour
@@ -19,11 +19,12 @@ from pliant.calibration import wrist as wrist_calibration
 from pliant.calibration.outline import peg_points, project
 from pliant.cell import Camera, Image, Robot
 from pliant.cli.cells import opened, where
+from pliant.conditions import Setup
 from pliant.envelope import Guarded
 from pliant.errors import InputError, PliantError, RobotFault
 from pliant.experiment.where import Where
 from pliant.pose import angles_from
-from pliant.task import Setup, Task, load_task
+from pliant.task import Task, load_task
 from pliant.vision.measure import Colours
 
 What = Literal["all", "camera", "wrist", "colours"]
@@ -90,7 +91,7 @@ def calibrate(
 
 
 def _setup(chosen: Where, condition: str, seed: int) -> Setup:
-    drawn = task_module.condition(condition)
+    drawn = conditions.condition(condition)
     if chosen.kind == "ur5e" and drawn.ranges:
         raise InputError(
             f"--condition {condition} draws what a real cell has as it is: leave it out, and set"

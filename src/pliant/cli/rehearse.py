@@ -7,10 +7,11 @@ from rich.text import Text
 from pliant.cli.cells import opened
 from pliant.commissioning import rehearsal
 from pliant.commissioning.operator import AtTerminal
+from pliant.conditions import Setup
 from pliant.errors import RobotFault
 from pliant.experiment.where import Where
 from pliant.pose import Axis
-from pliant.task import Setup, Task
+from pliant.task import Task
 from pliant.teaching import Teaching
 
 _NAMES = tuple(f"{axis} {axis.report_unit}" for axis in Axis)

@@ -9,8 +9,9 @@ from rich.live import Live
 
 from pliant.cell import Observation
 from pliant.cli.cells import opened, where
+from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
-from pliant.task import Setup, Task, load_task, shipped_pegs
+from pliant.task import Task, load_task, shipped_pegs
 from pliant.vision.scene import Scene
 
 

@@ -9,10 +9,11 @@ from rich.prompt import Prompt
 
 from pliant.cell import Truth
 from pliant.commissioning.operator import AtTerminal
+from pliant.conditions import Setup
 from pliant.errors import RobotFault
 from pliant.experiment.one import Spec
 from pliant.records import Trial
-from pliant.task import Setup, Task
+from pliant.task import Task
 
 _LABELS = {"y": True, "n": False, "u": None}
 

@@ -6,8 +6,9 @@ from rich.console import Console
 from rich.prompt import Confirm
 
 from pliant.cell import Truth
+from pliant.conditions import Setup, in_words
 from pliant.errors import RobotFault
-from pliant.task import Setup, Task, in_words
+from pliant.task import Task
 
 
 class AtTerminal:

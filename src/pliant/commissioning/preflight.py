@@ -16,10 +16,11 @@ import numpy as np
 from pliant import teaching
 from pliant.cell import Observation, Robot
 from pliant.commissioning.rehearsal import Commanded, plan_of
+from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
 from pliant.experiment.where import Where
 from pliant.pose import Axis
-from pliant.task import Setup, Task
+from pliant.task import Task
 from pliant.vision.measure import measure
 from pliant.vision.scene import PegSeen, Scene
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from pliant.conditions import Condition, Setup, condition
 from pliant.emulator.faults import Fault, first_problem
 from pliant.emulator.pace import MOST_SPEED, Pacing
 from pliant.errors import InputError, PliantError
-from pliant.task import NOMINAL, Condition, Setup, condition
 
 if TYPE_CHECKING:
     from pliant.emulator.emulator import Emulator
@@ -54,7 +54,7 @@ class SetUp(_Request):
         Raises:
             InputError: the condition is unknown, a value is out of range, or both are given.
         """
-        values = {name: getattr(self, name) for name in NOMINAL}
+        values = {name: getattr(self, name) for name in ("friction", "hole_y", "grasp_roll")}
         given = {name: (value, value) for name, value in values.items() if value is not None}
         if self.condition is not None and given:
             raise InputError(f"give a condition or {', '.join(given)}, not both")

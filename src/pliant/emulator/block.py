@@ -10,9 +10,9 @@ from multiprocessing.shared_memory import SharedMemory
 
 import numpy as np
 
+from pliant.conditions import Setup
 from pliant.emulator.frames import Array
 from pliant.errors import InputError
-from pliant.task import Setup
 
 _MOST_JOINTS = 32
 _MOST_NAME = 512  # [bytes] of a peg's name or file

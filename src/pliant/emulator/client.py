@@ -12,8 +12,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from pliant.cell import Truth
+from pliant.conditions import Setup
 from pliant.errors import InputError
-from pliant.task import Setup
 
 _TIMEOUT_S = 60.0  # a peg's first model takes a second; a long grant its time
 _STOP_S = 10.0
@@ -60,7 +60,7 @@ class Admin:
 
     def set_up(self, setup: Setup, peg: str | None = None) -> None:
         """Begin a trial: hole, friction and grasp as in `setup`, the arm at home."""
-        self.ask("setup", peg=peg, seed=setup.seed, **setup.quantities())
+        self.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())
 
     def truth(self) -> Truth:
         """Ground truth now."""

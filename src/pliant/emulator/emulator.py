@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.conditions import Setup, condition
 from pliant.emulator import admin, faults, frames
 from pliant.emulator.block import Block, CameraFault
 from pliant.emulator.camera import CameraProcess
@@ -24,7 +25,7 @@ from pliant.emulator.ports import GREETING, Dashboard, Lines, Scripts
 from pliant.emulator.rtde import Rtde
 from pliant.errors import InputError
 from pliant.sim import constants as c
-from pliant.task import Setup, Task, condition, load_task
+from pliant.task import Task, load_task
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT, GRIPPER_PORT = 30004, 30003, 29999, 63352  # the clients'
 ADMIN_PORT, CAMERA_PORT = 30100, 30101

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from pliant.cell import Truth
+from pliant.conditions import Setup
 from pliant.emulator.frames import Array, cross, inverse, placed
 from pliant.emulator.sensor import GRAVITY, Payload
 from pliant.errors import RobotFault
@@ -17,7 +18,7 @@ from pliant.sim import constants as c
 from pliant.sim import model as m
 from pliant.sim import replay
 from pliant.sim.cell import SimCell
-from pliant.task import Setup, Task
+from pliant.task import Task
 
 TICK = c.TIMESTEP  # [s] of the controller: one physics step
 _FLANGE_SITE = "attachment_site"

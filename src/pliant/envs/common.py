@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Truth
+from pliant.conditions import Condition, Setup, condition
 from pliant.errors import InputError, unknown
 from pliant.sim.cell import SimRobot
-from pliant.task import Condition, Setup, condition
 
 RENDER_MODES = ["rgb_array"]
 RENDER_FPS = 25

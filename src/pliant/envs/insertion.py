@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from pliant.belief import Belief
 from pliant.cell import Observation, Stop, Truth
+from pliant.conditions import Condition, Setup
 from pliant.envelope import Guarded, Limits
 from pliant.envs.common import (
     RENDER_MODES,
@@ -43,7 +44,7 @@ from pliant.records import Look
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.sim.stream import Streamed
 from pliant.skills.planar import Planar
-from pliant.task import Condition, Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Scene
 

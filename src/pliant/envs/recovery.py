@@ -18,6 +18,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
 from pliant.envs.common import (
     RENDER_MODES,
@@ -36,7 +37,7 @@ from pliant.records import Case, End, Execution, Recovery, Verdict
 from pliant.recovery import admit
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.skills.planar import Planar
-from pliant.task import Condition, Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Question, Run
 

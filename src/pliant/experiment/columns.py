@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
+from pliant.conditions import QUANTITIES
 from pliant.pose import Axis
 from pliant.records import SCHEMA
-from pliant.task import NOMINAL
 
 KINDS = {
     "missed_edge": "Fit ended with the peg short of the hole, or astride its near rim",
@@ -67,15 +67,14 @@ _CHECKS = pa.list_(
         ]
     )
 )
-_DRAWN = {
-    "friction": ("1", "the hole's friction, as a factor on the nominal"),
-    "hole_y": ("m", "the hole's centre along y"),
-    "grasp_roll": ("rad", "the peg's angle in the grasp"),
-}
 
 
 def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> Column:
     return Column(name=name, type=kind, meaning=meaning, unit=unit)
+
+
+def _unit_of(axis: Axis | None) -> str:
+    return "1" if axis is None else "rad" if axis.is_angle else "m"
 
 
 TRIALS: tuple[Column, ...] = (
@@ -109,8 +108,8 @@ TRIALS: tuple[Column, ...] = (
     _column("cost_usd", _NUMBER, "of the model; null: not known or no model", "USD"),
     _column("latency_s", _NUMBER, "waited for the model; differs in a rerun with one", "s"),
     *(
-        _column(f"drawn_{q}", _NUMBER, f"{_DRAWN[q][1]}: drawn, or nominal", _DRAWN[q][0])
-        for q in NOMINAL
+        _column(f"drawn_{name}", _NUMBER, f"{q.meaning}: drawn, or nominal", _unit_of(q.unit))
+        for name, q in QUANTITIES.items()
     ),
 )
 

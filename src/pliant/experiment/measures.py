@@ -13,9 +13,9 @@ from typing import Any
 
 from pliant.cell import Stop
 from pliant.checks import TILT_TOLERANCE_DEG
+from pliant.conditions import NOMINAL
 from pliant.experiment.statistics import Pairs, mcnemar, paired_difference, wilson
 from pliant.formations import RECOVERABLE, Formation
-from pliant.task import NOMINAL
 
 Row = Mapping[str, Any]
 DEPTHS_M = (0.010, 0.020, 0.024)

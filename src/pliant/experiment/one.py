@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pliant.cell import Truth, Workcell
+from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
 from pliant.experiment.oracle import NAME, Oracle
@@ -14,7 +15,7 @@ from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
 from pliant.skills.planar import Planar
-from pliant.task import Condition, Setup, Task
+from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.trial import Patience, Run
 from pliant.vision.measure import SIMULATED, Colours

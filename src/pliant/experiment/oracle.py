@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 from pliant.belief import Belief
 from pliant.cell import Truth
+from pliant.conditions import Setup
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Look, Recovery, Verdict
-from pliant.task import Setup, Task
+from pliant.task import Task
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
 
 NAME = "oracle"

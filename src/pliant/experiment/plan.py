@@ -28,29 +28,23 @@ from typing import Any
 import yaml
 
 from pliant import teaching
+from pliant.conditions import CONDITIONS, Condition, condition
 from pliant.errors import InputError, unknown
 from pliant.experiment import oracle
 from pliant.experiment.one import Spec
 from pliant.experiment.where import Where
 from pliant.formations import Formation
-from pliant.pose import Axis
+from pliant.levels import FIELDS, load_level
 from pliant.reasoners import REASONERS, VLM, reasoner
 from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import SCHEMA
-from pliant.task import CONDITIONS, Condition, Task, condition, load_task
+from pliant.task import Task, load_task
 from pliant.teaching import Teaching
 
 MOST_TRIALS = 1_000_000
 MOST_SEED = 2**32
-
-QUANTITIES: Mapping[str, tuple[str, Axis | None]] = {
-    "friction": ("friction", None),
-    "hole_y_mm": ("hole_y", Axis.Y),
-    "grasp_roll_deg": ("grasp_roll", Axis.ROLL),
-}
-"""What a custom condition may set: its field's name, the quantity, the axis whose unit it has."""
 
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
 _FIELDS = (*_BLOCK, "level", "cells", "trials", "first_seed", "goals", "vlm")
@@ -271,9 +265,9 @@ def _cells(block: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[Cell]
         if single not in block or block[single] in ([], None):
             raise InputError(f"a cell lacks its {single}: give one, or a list of them")
     pegs, conditions, reasoners = (_many(block[single]) for single in _BLOCK.values())
-    level = str(block["level"])
-    tasks = [load_task(_name("peg", peg), level) for peg in pegs]
-    drawn = [parse_condition(entry) for entry in conditions]
+    level = load_level(str(block["level"]))
+    tasks = [load_task(_name("peg", peg), level.name) for peg in pegs]
+    drawn = [level.on(parse_condition(entry)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
     for task, drawing, (name, settings) in product(tasks, drawn, minds):
         yield Cell(task=task, condition=drawing, reasoner=name, vlm=settings)
@@ -316,14 +310,14 @@ def parse_condition(entry: Any) -> Condition:
 
 
 def _range(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]:
-    if field not in QUANTITIES:
-        raise unknown("quantity", field, QUANTITIES, f"in condition '{name}'")
+    if field not in FIELDS:
+        raise unknown("quantity", field, FIELDS, f"in condition '{name}'")
     numbers = isinstance(value, list) and all(
         isinstance(v, int | float) and not isinstance(v, bool) for v in value
     )
     if not numbers or len(value) != 2:
         raise InputError(f"condition '{name}': {field} is {value!r}; it must be [low, high]")
-    quantity, axis = QUANTITIES[field]
+    quantity, axis = FIELDS[field]
     low, high = (float(v) if axis is None else axis.from_report(float(v)) for v in value)
     return quantity, (low, high)
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 from pliant.cell import Stop, Truth
 from pliant.checks import TILT_TOLERANCE_DEG, half_hole, pose_check
+from pliant.conditions import NOMINAL, Setup
 from pliant.experiment.oracle import Oracle
 from pliant.formations import Formation, Goals
 from pliant.records import Case, Execution, Recovery, Trial, Verdict
-from pliant.task import NOMINAL, Setup, Task
+from pliant.task import Task
 from pliant.teaching import Teaching
 
 _TOLERANCE_M = 0.001  # of the truth's own test whether the low edge is in the hole

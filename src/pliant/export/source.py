@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pliant.conditions import NOMINAL
 from pliant.errors import InputError
 from pliant.experiment import results
 from pliant.experiment.rows import Row
 from pliant.sim.replay import FILE as TRAJECTORY
 from pliant.store import RUN, TRIAL
-from pliant.task import NOMINAL
 
 TRAIN, TEST = "train", "test"
 HELD_OUT = 5  # every fifth seed

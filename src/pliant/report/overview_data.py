@@ -7,17 +7,18 @@ from dataclasses import asdict
 from typing import Any
 from urllib.parse import quote
 
+from pliant.conditions import CONDITIONS
 from pliant.errors import InputError
 from pliant.experiment.columns import KINDS, TRIALS
 from pliant.experiment.measures import Row
-from pliant.experiment.plan import QUANTITIES
+from pliant.levels import FIELDS, shipped_levels
 from pliant.pose import Axis
 from pliant.report import words
 from pliant.report.html import plain
 from pliant.report.summary import Names, Summary
 from pliant.report.trial import PAGE
 from pliant.report.trial import TRIALS as FOLDER
-from pliant.task import CONDITIONS, load_task, shipped_pegs
+from pliant.task import load_task, shipped_pegs
 
 _NAMES = ("level", "peg", "condition", "reasoner")
 _DRAWN = "drawn_"
@@ -126,8 +127,11 @@ def _condition(condition: str, cell: Mapping[str, Any] | None) -> list[str]:
     if condition in CONDITIONS or cell is None:
         return ["--condition", condition]
     ranges = cell["condition"].get("ranges", {})
+    level = shipped_levels().get(cell["task"].get("level", "L0"))
+    if level is not None:  # draws its own
+        ranges = {q: r for q, r in ranges.items() if list(level.ranges.get(q, ())) != list(r)}
     options = ["--condition", "none"]
-    for field, (quantity, axis) in QUANTITIES.items():
+    for field, (quantity, axis) in FIELDS.items():
         if quantity in ranges:
             given = [v if axis is None else axis.to_report(v) for v in ranges[quantity]]
             options += [f"--{field.replace('_', '-')}", *(f"{v:.12g}" for v in given)]

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Motion, Observation, Stop, Trace, Truth
-from pliant.pose import Pose, angles_from, pose_from
+from pliant.conditions import Setup
+from pliant.pose import Pose, angles_from, pose_from, rotation_matrix
 from pliant.sim import constants as c
 from pliant.sim import model as m
 from pliant.sim.arm import HOME_GUESS, Arm, Profile
 from pliant.sim.board import contains, hole_outline
 from pliant.sim.render import Cameras
-from pliant.task import Setup, Task
+from pliant.task import Task
 
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
@@ -39,10 +40,13 @@ class Trajectory:
 
 def apply(model: mujoco.MjModel, setup: Setup) -> None:
     """Put into a compiled model what a trial randomises."""
-    half = setup.grasp_roll / 2
-    model.body(m.PEG).quat[:] = [math.cos(half), math.sin(half), 0.0, 0.0]
+    grasp, turned = np.zeros(4), np.zeros(4)
+    mujoco.mju_mat2Quat(grasp, rotation_matrix(setup.grasp_roll, setup.grasp_pitch, 0.0).ravel())
+    mujoco.mju_mat2Quat(turned, rotation_matrix(0.0, 0.0, setup.board_yaw).ravel())
+    model.body(m.PEG).quat[:] = grasp
     board = model.body(m.BOARD)
-    board.pos[1] = setup.hole_y
+    board.pos[:] = [setup.hole_x, setup.hole_y, setup.board_z]
+    board.quat[:] = turned
     first = int(board.geomadr[0])
     geoms = slice(first, first + int(board.geomnum[0]))
     model.geom_friction[geoms, 0] = c.FRICTION[0] * setup.friction
@@ -73,19 +77,20 @@ class SimCell:
         mujoco.mj_kinematics(model, data)
         tip = data.site_xpos[robot.tip_site].copy()
         rotation = data.xmat[robot.peg_body].reshape(3, 3)
-        hole = model.body_pos[robot.board_body]
+        hole = data.xpos[robot.board_body]
+        board = data.xmat[robot.board_body].reshape(3, 3)
         depth = float(hole[2] - tip[2])
-        inside = contains(hole_outline(task.peg, task.hole), (tip - hole)[:2])
+        inside = contains(hole_outline(task.peg, task.hole), ((tip - hole) @ board)[:2])
         low = tip + rotation @ self._low_corner(task, rotation)
+        near = contains(hole_outline(task.peg, task.hole, grown=0.001), ((low - hole) @ board)[:2])
         return Truth(
-            inserted=inside and depth >= 0.010,
+            inserted=inside and depth >= task.depth,
             depth_m=depth,
             tip=(float(tip[0]), float(tip[1]), float(tip[2])),
-            tilt_rad=angles_from(rotation)[0],
+            tilt_rad=angles_from(board.T @ rotation)[0],
             hole_y=float(hole[1]),
             compression_m=robot.compression(),
-            fit=bool(low[2] < hole[2] - 0.001)
-            and contains(hole_outline(task.peg, task.hole, grown=0.001), (low - hole)[:2]),
+            fit=bool(low[2] < hole[2] - 0.001) and near,
         )
 
     def trajectory(self) -> Trajectory:

@@ -6,6 +6,7 @@
 [OWN]  our choice; the reason stands in docs/assumptions.md
 """
 
+import math
 from typing import Final
 
 Vec3 = tuple[float, float, float]
@@ -42,4 +43,6 @@ IMAGE_SIZE: Final = (640, 480)  # [px] [OWN]
 SIDE_CAMERA_DISTANCE: Final = 1.2  # [m] from the hole's axis along +x [OWN]
 SIDE_CAMERA_HEIGHT: Final = 0.0  # [m]: at the board's surface, which it sees edge on [OWN]
 SIDE_CAMERA_FOVY: Final = 15.0  # [deg] [OWN]
+OBLIQUE_CAMERA_ELEVATION: Final = math.radians(55)  # [OWN]
+OBLIQUE_CAMERA_FOVY: Final = 13.0  # [deg] [OWN]
 WIDE_CAMERA_FOVY: Final = 36.0  # [deg] [OWN]

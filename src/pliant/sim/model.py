@@ -289,16 +289,38 @@ def _surroundings(spec: mujoco.MjSpec) -> None:
         quat=_looking(right=[0, 1, 0], up=[0, 0, 1]),
         fovy=c.SIDE_CAMERA_FOVY,
     )
-    back = np.array([0.95, -0.7, 0.35])  # from what it looks at to the camera
-    back_unit = back / np.linalg.norm(back)
-    right = np.cross([0.0, 0.0, 1.0], back_unit)
-    right /= np.linalg.norm(right)
     world.add_camera(
-        name="wide",
-        pos=np.array([-0.15, 0.0, 0.13]) + back,
-        quat=_looking(right=right, up=np.cross(back_unit, right)),
+        name="front",
+        pos=[0, c.SIDE_CAMERA_DISTANCE, c.SIDE_CAMERA_HEIGHT],
+        quat=_looking(right=[-1, 0, 0], up=[0, 0, 1]),
+        fovy=c.SIDE_CAMERA_FOVY,
+    )
+    high = c.OBLIQUE_CAMERA_ELEVATION
+    _add_camera(
+        world,
+        "oblique",
+        at=np.zeros(3),
+        back=c.SIDE_CAMERA_DISTANCE * np.array([math.cos(high), 0.0, math.sin(high)]),
+        fovy=c.OBLIQUE_CAMERA_FOVY,
+    )
+    _add_camera(
+        world,
+        "wide",
+        at=np.array([-0.15, 0.0, 0.13]),
+        back=np.array([0.95, -0.7, 0.35]),
         fovy=c.WIDE_CAMERA_FOVY,
     )
+
+
+def _add_camera(
+    world: mujoco.MjsBody, name: str, *, at: np.ndarray, back: np.ndarray, fovy: float
+) -> None:
+    """A camera that looks at a point from `back` beyond it, its picture's columns level."""
+    toward = back / np.linalg.norm(back)
+    right = np.cross([0.0, 0.0, 1.0], toward)
+    right /= np.linalg.norm(right)
+    quat = _looking(right=right, up=np.cross(toward, right))
+    world.add_camera(name=name, pos=at + back, quat=quat, fovy=fovy)
 
 
 def _looking(*, right: object, up: object) -> np.ndarray:

@@ -14,7 +14,7 @@ from pliant.sim import constants as c
 from pliant.sim.gl import INSTALL
 from pliant.sim.model import SPRINGS
 
-CAMERAS = ("side", "wide")
+CAMERAS = ("side", "front", "oblique", "wide")
 _COILS, _SEGMENTS_PER_COIL, _COIL_RADIUS, _WIRE_RADIUS = 5, 10, 0.0065, 0.0011
 _SPRING_RGBA = np.array([0.85, 0.65, 0.15, 1.0], np.float32)
 

@@ -16,12 +16,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.sim import constants as c
 from pliant.sim import model as m
 from pliant.sim.cell import Trajectory, apply
 from pliant.sim.render import Cameras
-from pliant.task import Setup, Task
+from pliant.task import Task
 
 FILE = "trajectory.npz"
 _ENLARGED = 2  # times as wide and high, before it is shrunk

@@ -12,9 +12,10 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from pliant.cell import Truth
+from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
 from pliant.pose import Pose
-from pliant.task import Setup, Task, load_task, shipped_pegs
+from pliant.task import Task, load_task, shipped_pegs
 from pliant.ur5e import configuration as c
 from pliant.ur5e import messages as m
 from pliant.ur5e.camera import Camera, open_camera
@@ -182,7 +183,7 @@ class UrCell:
                 f" '{peg}'"
             )
         try:
-            admin.ask("setup", peg=peg, seed=setup.seed, **setup.quantities())
+            admin.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())
         except OSError as error:
             raise RobotFault("connection", f"the emulator does not answer: {error}") from error
         if peg != self._peg and self.configuration.camera.source is c.Source.HTTP:

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 from pliant.cell import Truth
 from pliant.checks import TILT_TOLERANCE_DEG, half_hole, pose_check
+from pliant.conditions import Setup
 from pliant.envelope import Limits
 from pliant.experiment.oracle import Oracle
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
 from pliant.records import Case, Verdict
 from pliant.recovery import admit
-from pliant.task import Setup, Task
+from pliant.task import Task
 
 TOUCHING_M = 0.0005
 """A wrist pressed by this much at rest touches something; in free hang it is pressed by less."""

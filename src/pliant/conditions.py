@@ -1,0 +1,164 @@
+"""What may differ from plan.
+
+`Condition.draw(seed)` gives a `Setup`, what is actual in one trial: it belongs to the experiment's
+side and never reaches a method (Sec. VI-A, "Randomized conditions").
+"""
+
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pliant.errors import InputError, unknown
+from pliant.pose import Axis
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A quantity that can be drawn: its nominal value, the range that can be simulated, the axis
+    whose unit it has (None: a bare number), and what it is. Of a `two_sided` one the size is drawn
+    from a range, and its sign besides."""
+
+    nominal: float
+    valid: tuple[float, float]
+    unit: Axis | None
+    meaning: str
+    two_sided: bool = False
+
+
+_MM, _DEG = Axis.Y, Axis.ROLL  # any axis with that unit
+
+
+def _length(most: float, meaning: str, *, two_sided: bool = False) -> Quantity:
+    low = 0.0 if two_sided else -most
+    return Quantity(nominal=0.0, valid=(low, most), unit=_MM, meaning=meaning, two_sided=two_sided)
+
+
+def _angle(most_deg: float, meaning: str, *, two_sided: bool = False) -> Quantity:
+    most = math.radians(most_deg)
+    low = 0.0 if two_sided else -most
+    return Quantity(nominal=0.0, valid=(low, most), unit=_DEG, meaning=meaning, two_sided=two_sided)
+
+
+def _share(meaning: str) -> Quantity:
+    return Quantity(nominal=0.0, valid=(0.0, 1.0), unit=None, meaning=meaning)
+
+
+def _factor(low: float, high: float, meaning: str) -> Quantity:
+    return Quantity(nominal=1.0, valid=(low, high), unit=None, meaning=meaning)
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "friction": _factor(0.05, 20.0, "the hole's friction, as a factor on the nominal"),
+    "hole_y": _length(0.04, "the hole's centre along y"),
+    "grasp_roll": _angle(15, "the peg's angle in the grasp about x"),
+    "hole_x": _length(0.02, "the hole's centre along x"),
+    "board_z": _length(0.02, "the board's surface above the nominal"),
+    "board_yaw": _angle(15, "the board's angle about z"),
+    "grasp_pitch": _angle(10, "the peg's angle in the grasp about y"),
+}
+"""What may differ from plan in a trial. The first three are the paper's."""
+
+NOMINAL: Mapping[str, float] = {name: q.nominal for name, q in QUANTITIES.items()}
+
+PAPER_RANGES: Mapping[str, tuple[float, float]] = {
+    "friction": (1.0, 5.0),
+    "hole_y": (-0.02, 0.02),
+    "grasp_roll": (-math.radians(5), math.radians(5)),
+}
+
+
+def in_words(quantity: str, value: float) -> str:
+    """A quantity's value as a person reads it: "-20 mm", "5 deg", "3"."""
+    axis = QUANTITIES[quantity].unit
+    return f"{value:g}" if axis is None else f"{axis.to_report(value):g} {axis.report_unit}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What is actual in one trial: every quantity of QUANTITIES [m, rad, 1]. Ground truth: it stays
+    on the experiment's side."""
+
+    seed: int
+    friction: float = 1.0
+    hole_y: float = 0.0
+    grasp_roll: float = 0.0
+    hole_x: float = 0.0
+    board_z: float = 0.0
+    board_yaw: float = 0.0
+    grasp_pitch: float = 0.0
+
+    def quantities(self) -> dict[str, float]:
+        """Every quantity by its name, drawn or nominal."""
+        return {name: getattr(self, name) for name in NOMINAL}
+
+    def disturbed(self) -> dict[str, float]:
+        """Those that are not nominal."""
+        return {name: v for name, v in self.quantities().items() if v != NOMINAL[name]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """Which quantities are drawn, each uniformly from its range; the others stay nominal.
+
+    Raises:
+        InputError: a quantity is unknown, or its range is out of order or cannot be simulated.
+    """
+
+    name: str
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in self.ranges.items():
+            if name not in QUANTITIES:
+                raise unknown("quantity", name, QUANTITIES)
+            least, most = QUANTITIES[name].valid
+            if not least <= low <= high <= most:
+                raise InputError(
+                    f"condition '{self.name}': {name} from {in_words(name, low)} to"
+                    f" {in_words(name, high)} cannot be; it must lie in order within"
+                    f" {in_words(name, least)} to {in_words(name, most)}"
+                )
+
+    def draw(self, seed: int) -> Setup:
+        """The trial's setup. Every quantity has a stream of its own, so that a seed means the same
+        draw in every condition and for every peg."""
+        return Setup(seed=seed, **{name: _draw(seed, name, *r) for name, r in self.ranges.items()})
+
+
+def _draw(seed: int, name: str, low: float, high: float) -> float:
+    stream = _stream(seed, name)
+    size = float(stream.uniform(low, high))
+    return -size if QUANTITIES[name].two_sided and stream.uniform() < 0.5 else size
+
+
+def _stream(seed: int, name: str) -> np.random.Generator:
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
+def _paper(name: str, *quantities: str) -> Condition:
+    return Condition(name=name, ranges={q: PAPER_RANGES[q] for q in quantities})
+
+
+CONDITIONS: Mapping[str, Condition] = {
+    c.name: c
+    for c in (
+        _paper("none"),
+        _paper("friction", "friction"),
+        _paper("pose", "hole_y", "grasp_roll"),
+        _paper("all", "friction", "hole_y", "grasp_roll"),
+    )
+}
+
+
+def condition(name: str) -> Condition:
+    """One of the paper's four conditions.
+
+    Raises:
+        InputError: no condition has that name.
+    """
+    if name not in CONDITIONS:
+        raise unknown("condition", name, CONDITIONS)
+    return CONDITIONS[name]

@@ -1,0 +1,81 @@
+"""The ladder: named levels of difficulty, as data (`levels.yaml`), on top of the paper's grid.
+
+A level sets the hole's clearance and the depth that counts as inserted, adds to what a condition
+draws, and names the skills that its axes need and the pegs that it is measured with.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+
+import yaml
+
+from pliant.conditions import QUANTITIES, Condition
+from pliant.errors import unknown
+from pliant.pose import Axis
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level:
+    """A rung: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion, `ranges` that
+    are drawn besides a condition's own, the `skills` that are used unless others are asked for."""
+
+    name: str
+    tests: str
+    clearance: float | None
+    depth: float
+    ranges: Mapping[str, tuple[float, float]]
+    skills: str
+    pegs: tuple[str, ...]
+
+    def on(self, condition: Condition) -> Condition:
+        """A condition with what the level draws besides; a range of the condition's own stays."""
+        return replace(condition, ranges={**self.ranges, **condition.ranges})
+
+
+def load_level(name: str) -> Level:
+    """
+    Raises:
+        InputError: no level has that name.
+    """
+    levels = shipped_levels()
+    if name not in levels:
+        raise unknown("level", name, levels)
+    return levels[name]
+
+
+@cache
+def shipped_levels() -> Mapping[str, Level]:
+    """Every level by its name, from the lowest rung."""
+    text = (files("pliant") / "levels.yaml").read_text()
+    levels: dict[str, Level] = {}
+    for name, fields in yaml.safe_load(text).items():
+        ranges: dict[str, tuple[float, float]] = {}
+        for other in fields.get("like", []):
+            ranges.update(levels[other].ranges)
+        for field, (low, high) in fields.get("draws", {}).items():
+            quantity, axis = FIELDS[field]
+            in_si = [float(v) if axis is None else axis.from_report(v) for v in (low, high)]
+            ranges[quantity] = (in_si[0], in_si[1])
+        clearance = fields.get("clearance_mm")
+        levels[name] = Level(
+            name=name,
+            tests=fields["tests"],
+            clearance=None if clearance is None else clearance * 1e-3,
+            depth=fields.get("depth_mm", 10.0) * 1e-3,
+            ranges=ranges,
+            skills=fields.get("skills", "guided"),
+            pegs=tuple(fields.get("pegs", ("circle", "square", "rectangle"))),
+        )
+    return levels
+
+
+def _field(quantity: str, unit: Axis | None) -> str:
+    return quantity if unit is None else f"{quantity}_{unit.report_unit}"
+
+
+FIELDS: Mapping[str, tuple[str, Axis | None]] = {
+    _field(name, q.unit): (name, q.unit) for name, q in QUANTITIES.items()
+}
+"""What a level or a custom condition may draw: its field's name, the quantity, its unit's axis."""
