@@ -133,20 +133,6 @@ def test_a_rectangle_of_negative_size_is_refused(peg_file: WritePeg) -> None:
     assert "-40" in refused(lambda: load_task(path))
 
 
-@pytest.mark.parametrize(
-    "outline",
-    [
-        ((0.01, 0.01), (-0.01, 0.01)),
-        ((-0.01, -0.01), (-0.01, 0.01), (0.01, 0.01), (0.01, -0.01)),  # clockwise
-        ((-0.01, -0.01), (0.01, -0.01), (0.0, 0.0), (0.01, 0.01), (-0.01, 0.01)),  # a notch
-    ],
-)
-def test_an_outline_must_be_convex_and_counter_clockwise(
-    outline: tuple[tuple[float, float], ...],
-) -> None:
-    assert "convex polygon, counter-clockwise" in refused(lambda: Peg(name="p", outline=outline))
-
-
 def test_a_peg_is_a_disc_or_a_polygon_not_both() -> None:
     square = ((-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01))
     assert "either" in refused(lambda: Peg(name="p", radius=0.01, outline=square))

@@ -11,15 +11,21 @@ import yaml
 from pliant.errors import InputError, unknown
 from pliant.levels import Level, load_level
 
+Outline = tuple[tuple[float, float], ...]  # corners x, y [m]
+
 BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block with the hole in it
+_CENTRED_MM = 0.05  # of a peg's middle along y from its axis
+_LEAST_DISTANCE = 0.0005  # [m] of a peg's faces from its axis
 
 
 @dataclass(frozen=True, kw_only=True)
 class Peg:
-    """A straight peg: a disc of `radius`, or a convex polygon `outline`, times `length` [m].
+    """A straight peg: a disc of `radius`, or a polygon `outline`, times `length` [m].
 
     The outline is in the peg's frame, x away from the robot and y along the insertion plane,
-    counter-clockwise around the peg's axis.
+    counter-clockwise around the peg's axis at the origin. It is convex, or else every ray from the
+    axis crosses it once. The fingers close along y, evenly around the axis, so it reaches as far to
+    either side.
 
     Raises:
         InputError: the outline is not such a polygon, or a size cannot be built.
@@ -27,7 +33,7 @@ class Peg:
 
     name: str
     radius: float | None = None
-    outline: tuple[tuple[float, float], ...] = ()
+    outline: Outline = ()
     length: float = 0.09
 
     def __post_init__(self) -> None:
@@ -41,19 +47,25 @@ class Peg:
             raise InputError(
                 f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be 60 to 200 mm"
             )
-        if self.outline and not _is_convex_ccw(self.outline):
-            raise InputError(
-                f"peg '{self.name}': the outline must be a convex polygon, counter-clockwise"
-            )
+        if self.outline and (fault := _fault(self.outline)):
+            raise InputError(f"peg '{self.name}': {fault}")
         for axis, half in zip("xy", self.half_extents, strict=True):
             if not 0.001 <= half <= 0.05:
                 raise InputError(
                     f"peg '{self.name}': {2e3 * half:g} mm along {axis}; it must be 2 to 100 mm"
                 )
+        if self.outline:
+            ys = [1e3 * y for _, y in self.outline]
+            if abs(min(ys) + max(ys)) > _CENTRED_MM:
+                raise InputError(
+                    f"peg '{self.name}': its corners lie from {min(ys):g} to {max(ys):g} mm along"
+                    " y; the fingers close evenly around the axis: add"
+                    f" {-(min(ys) + max(ys)) / 2:g} mm to every y"
+                )
 
     @property
     def half_extents(self) -> tuple[float, float]:
-        """Half the peg's size along x and y [m]."""
+        """How far the peg reaches from its axis along x and y [m]."""
         if self.radius is not None:
             return self.radius, self.radius
         xs, ys = zip(*self.outline, strict=True)
@@ -61,9 +73,41 @@ class Peg:
 
     @property
     def silhouette_x(self) -> float:
-        """x of the peg's outline as the side camera sees it [m]: a cylinder's is at its axis, a
-        prism's at its front face."""
-        return 0.0 if self.radius is not None else self.half_extents[0]
+        """x of the peg's outline as the side camera sees it [m], halfway between its two edges: a
+        cylinder's is at its axis, a box's at its front face."""
+        (_, left), (_, right) = self.silhouette()
+        return (left + right) / 2
+
+    def silhouette(
+        self, yaw: float = 0.0, *, slopes: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Places (y, x) [m] from the axis of the left and of the right edge that a camera at +x
+        sees of the peg turned by `yaw` [rad] about its axis.
+
+        `slopes` are those of the camera's rays to the left and to the right edge: metres along y
+        for a metre away from the camera. They decide which of two corners, one behind the other,
+        is the edge; with slope 0 it is the nearer.
+        """
+        if self.radius is not None:
+            return (-self.radius, 0.0), (self.radius, 0.0)
+        turned = _turned(self.outline, yaw)
+        # y where the ray through (x, y) meets the plane x = 0; within rounding the nearer is seen
+        left = min(turned, key=lambda p: (round(p[1] + slopes[0] * p[0], 9), -p[0]))
+        right = max(turned, key=lambda p: (round(p[1] + slopes[1] * p[0], 9), p[0]))
+        return (left[1], left[0]), (right[1], right[0])
+
+    def front(self, within: float, yaw: float = 0.0) -> float:
+        """Greatest x [m] of the peg turned by `yaw` [rad], where y is at most `within` [m] from
+        the axis: what a camera at +x sees in the middle of the top edge."""
+        if self.radius is not None:
+            return self.radius
+        turned = _turned(self.outline, yaw)
+        found = [x for x, y in turned if abs(y) <= within]
+        for (ax, ay), (bx, by) in zip(turned, turned[1:] + turned[:1], strict=True):
+            for y in (-within, within):
+                if (ay - y) * (by - y) < 0:
+                    found.append(ax + (bx - ax) * (y - ay) / (by - ay))
+        return max(found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,15 +288,32 @@ def _millimetres(data: dict[str, Any], key: str, name: str, default: float | Non
     return float(value) * 1e-3
 
 
-def _is_convex_ccw(outline: tuple[tuple[float, float], ...]) -> bool:
-    n = len(outline)
-    if n < 3:
-        return False
+# --- polygons ------------------------------------------------------------------------------------
+
+
+def _fault(outline: Outline) -> str | None:
+    """Why corners are no outline around the origin; None: they are one."""
+    if len(outline) < 3:
+        return f"an outline of {len(outline)} corners; it must have at least 3"
     turning = 0.0
-    for i in range(n):
-        (ax, ay), (bx, by), (cx, cy) = outline[i], outline[(i + 1) % n], outline[(i + 2) % n]
-        cross = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
-        if cross <= 0:
-            return False
-        turning += math.atan2(cross, (bx - ax) * (cx - bx) + (by - ay) * (cy - by))
-    return math.isclose(turning, math.tau)  # a star turns more than once
+    for i, (x, y) in enumerate(outline):
+        nx, ny = outline[(i + 1) % len(outline)]
+        cross = x * ny - y * nx
+        if not cross >= _LEAST_DISTANCE * math.hypot(nx - x, ny - y) > 0:
+            return (
+                f"its edge from {_spoken(x, y)} to {_spoken(nx, ny)} mm does not go"
+                " counter-clockwise around the axis at (0, 0), as every edge must"
+            )
+        turning += math.atan2(cross, x * nx + y * ny)
+    if not math.isclose(turning, math.tau):
+        return f"its corners go {turning / math.tau:.0f} times around the axis; it must be once"
+    return None
+
+
+def _turned(outline: Outline, yaw: float) -> Outline:
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return tuple((cos * x - sin * y, sin * x + cos * y) for x, y in outline)
+
+
+def _spoken(x: float, y: float) -> str:
+    return f"({x * 1e3:g}, {y * 1e3:g})"
