@@ -23,9 +23,10 @@ from typing import Any
 
 import speed  # before whatever imports MuJoCo: it chooses the OpenGL
 
+from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
 from pliant.sim.cell import SimCell
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 HERE = Path(__file__).parent

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Stop, Workcell
+from pliant.conditions import Setup, condition
 from pliant.emulator.client import Admin, started
 from pliant.errors import RobotFault
 from pliant.experiment.one import Spec, perform
 from pliant.pose import Pose
 from pliant.records import Trial
 from pliant.sim.cell import SimCell
-from pliant.task import Setup, condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.ur5e.cell import UrCell
 from pliant.ur5e.emulated import configuration_of

@@ -22,13 +22,14 @@ import pliant.sim  # noqa: F401, chooses the OpenGL back end
 import mujoco
 
 from pliant.belief import Belief
+from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.records import Look
 from pliant.sim import render
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.skills.planar import Planar
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Scene
 

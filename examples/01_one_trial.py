@@ -1,8 +1,9 @@
 """One insertion under every disturbance, judged and recovered by the rules."""
 
+from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
 from pliant.sim.cell import SimCell
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 spec = Spec(task=load_task("square"), condition=condition("all"), seed=4, reasoner="rules")

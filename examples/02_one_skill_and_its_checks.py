@@ -2,12 +2,13 @@
 
 from pliant.belief import Belief
 from pliant.checks import check
+from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.formations import Formation
 from pliant.records import Look
 from pliant.sim.cell import SimCell
 from pliant.skills.planar import Planar
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
 

@@ -29,9 +29,10 @@ class Bold(Rules):
 
 
 if __name__ == "__main__":
+    from pliant.conditions import condition
     from pliant.experiment.one import Spec, perform
     from pliant.sim.cell import SimCell
-    from pliant.task import condition, load_task
+    from pliant.task import load_task
     from pliant.teaching import shipped
 
     spec = Spec(

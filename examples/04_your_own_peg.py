@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
 from pliant.sim.cell import SimCell
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 
 task = load_task(str(Path(__file__).with_suffix(".yaml")))

@@ -8,13 +8,14 @@ from functools import partial
 import gymnasium
 import numpy as np
 
+from pliant.conditions import condition
 from pliant.envs.insertion import STATE  # this registers the environments
 from pliant.formations import Formation
 from pliant.reasoners.rules import Rules
 from pliant.records import Outcome
 from pliant.sim.cell import SimCell
 from pliant.skills.planar import Planar
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run, Skill
 

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import gymnasium
 import numpy as np
 
+from pliant.conditions import condition
 from pliant.envs.decision import as_action, as_recovery, numbers  # this registers the environments
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Recovery, Verdict
 from pliant.sim.cell import SimCell
 from pliant.skills.planar import Planar
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
 

@@ -3,13 +3,14 @@
 import tempfile
 from pathlib import Path
 
+from pliant.conditions import condition
 from pliant.envelope import Limits
 from pliant.reasoners import reasoner
 from pliant.recovery import admit
 from pliant.sim.cell import SimCell
 from pliant.skills.planar import Planar
 from pliant.store import load_case, save_case
-from pliant.task import condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Question, Run
 

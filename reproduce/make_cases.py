@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pliant.belief import Belief, fold
 from pliant.cell import Truth
 from pliant.checks import INSERTED_DEPTH_M, check
+from pliant.conditions import Setup, condition
 from pliant.envelope import Limits
 from pliant.experiment.bench.answers import Answer, answer, succeeded
 from pliant.experiment.bench.cases import (
@@ -44,7 +45,7 @@ from pliant.records import Case, Check, Evidence, FailureAnalysis, Look, Recover
 from pliant.recovery import Reasoner, admit
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.skills.planar import Planar
-from pliant.task import Setup, condition, load_task
+from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
 from pliant.vision.scene import Scene

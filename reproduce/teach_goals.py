@@ -15,13 +15,14 @@ from pathlib import Path
 
 from pliant.belief import Belief
 from pliant.cell import Robot
+from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.formations import Formation, Goals
 from pliant.pose import Axis, Pose
 from pliant.records import Look
 from pliant.sim.cell import SimCell
 from pliant.skills.planar import Planar
-from pliant.task import Setup, load_task
+from pliant.task import load_task
 from pliant.teaching import Demonstration, save, taught
 from pliant.vision.scene import Scene
 
