@@ -1,50 +1,139 @@
 """What the looks so far say about the hole and the grasp: a pure fold over measurements."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from statistics import median
 
 from pliant.formations import Formation
+from pliant.pose import Pose
+from pliant.teaching import Teaching
 from pliant.vision.scene import Measured, Scene
+
+_JUMP_M = 0.003  # a reading so far from the belief is not believed until others agree
+_AGREE = 3  # readings in a row that must agree with each other against the belief
+_KEPT = 5  # readings that the median is taken of
+_FREE_M = 0.008  # a tip this far above the board hangs freely
 
 
 @dataclass(frozen=True, kw_only=True)
 class Belief:
     """Estimates of what the method cannot know beforehand; None until something was seen.
 
-    `hole_y` [m] is the hole's centre; `grasp_roll` [rad] the peg's angle in the grasp.
+    `hole_y`, `hole_x` and `surface_z` [m] are the hole's centre on the board, `board_yaw` [rad] how
+    the board is turned, `grasp_roll` [rad] the peg's angle in the grasp; `upright_roll` and
+    `upright_pitch` [rad] those of the hand with which the peg would hang upright. `readings` are
+    the last of each, for the soft estimates.
     """
 
     hole_y: Measured | None = None
     grasp_roll: Measured | None = None
+    hole_x: Measured | None = None
+    surface_z: Measured | None = None
+    board_yaw: Measured | None = None
+    upright_roll: Measured | None = None
+    upright_pitch: Measured | None = None
+    readings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
-def fold(scenes: Iterable[tuple[Formation, Scene]], taught_approach: Scene | None) -> Belief:
-    """The belief after looking at `scenes` in order.
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """One look: during which formation, from which measured pose, and what was measured."""
 
-    The hole does not move and all its readings share one calibration, so its estimate is their
+    formation: Formation
+    pose: Pose
+    scene: Scene
+
+
+def fold(looks: Iterable[Seen], teaching: Teaching, *, soft: bool = False) -> Belief:
+    """The belief after these looks in order. `soft` is for cells whose board may move and whose
+    readings may be wrong."""
+    belief = Belief()
+    readings = 0
+    for look in looks:
+        readings += look.scene.hole is not None
+        belief = softly(belief, look, teaching) if soft else _mean(belief, look, teaching, readings)
+    return belief
+
+
+def _mean(belief: Belief, look: Seen, teaching: Teaching, readings: int) -> Belief:
+    """The hole does not move and all its readings share one calibration, so its estimate is their
     mean. The grasp angle is read at Approach, where the peg hangs freely: its tilt less the tilt
     that the same flange angle gave when the goals were taught with an aligned peg.
     """
-    belief = Belief()
-    hole_readings = 0
-    for formation, scene in scenes:
-        if scene.hole is not None:
-            hole_readings += 1
-            seen, before = scene.hole.y, belief.hole_y
-            mean = (
-                seen.value
-                if before is None
-                else before.value + (seen.value - before.value) / hole_readings
-            )
-            belief = replace(belief, hole_y=Measured(value=mean, sd=seen.sd))
-        if (
-            formation is Formation.APPROACH
-            and scene.peg is not None
-            and taught_approach is not None
-            and taught_approach.peg is not None
-        ):
-            seen, taught = scene.peg.tilt, taught_approach.peg.tilt
-            angle = Measured(value=seen.value - taught.value, sd=math.hypot(seen.sd, taught.sd))
-            belief = replace(belief, grasp_roll=angle)
+    scene, taught = look.scene, teaching.scenes.get(Formation.APPROACH)
+    if scene.hole is not None:
+        seen, before = scene.hole.y, belief.hole_y
+        mean = (
+            seen.value if before is None else before.value + (seen.value - before.value) / readings
+        )
+        belief = replace(belief, hole_y=Measured(value=mean, sd=seen.sd))
+    if (
+        look.formation is Formation.APPROACH
+        and scene.peg is not None
+        and taught is not None
+        and taught.peg is not None
+    ):
+        tilt, before_tilt = scene.peg.tilt, taught.peg.tilt
+        sd = math.hypot(tilt.sd, before_tilt.sd)
+        angle = Measured(value=tilt.value - before_tilt.value, sd=sd)
+        belief = replace(belief, grasp_roll=angle)
     return belief
+
+
+# --- soft evidence -------------------------------------------------------------------------------
+
+
+def softly(belief: Belief, look: Seen, teaching: Teaching) -> Belief:
+    """The belief after one more look, of which one wrong reading must not poison it.
+
+    The hole and the board are medians of the last readings; one that jumps is believed when others
+    agree with it. Where the peg hangs freely, its angles tell how the hand must turn for it to hang
+    upright.
+    """
+    scene = look.scene
+    new: dict[str, Measured | None] = {}
+    if scene.hole is not None:
+        new |= {"hole_y": scene.hole.y, "surface_z": scene.hole.surface_z}
+    if scene.across is not None:
+        new["hole_x"] = scene.across.hole_x
+    new["board_yaw"] = scene.board_yaw
+    for name, reading in new.items():
+        if reading is not None:
+            belief = _weighed(belief, name, reading)
+    free = (
+        scene.peg is not None
+        and belief.surface_z is not None
+        and scene.peg.tip_z.value - belief.surface_z.value > _FREE_M
+    )
+    if free and scene.peg is not None:
+        share = hang_share(teaching)
+        tilt = scene.peg.tilt
+        angle = Measured(value=tilt.value - share * look.pose.roll, sd=tilt.sd)
+        upright = Measured(value=look.pose.roll - tilt.value / share, sd=tilt.sd / share)
+        belief = replace(belief, grasp_roll=angle, upright_roll=upright)
+        if scene.across is not None and scene.across.pitch is not None:
+            pitch = scene.across.pitch
+            upright = Measured(value=look.pose.pitch - pitch.value / share, sd=pitch.sd / share)
+            belief = replace(belief, upright_pitch=upright)
+    return belief
+
+
+def hang_share(teaching: Teaching) -> float:
+    """What share of the hand's angle a freely hanging peg takes on: gravity turns the soft wrist
+    back. Read off the goals, which were taught with an aligned peg."""
+    shown = teaching.scenes[Formation.APPROACH].peg
+    if shown is None:
+        return 0.5
+    return shown.tilt.value / teaching.goals.target(Formation.APPROACH).roll
+
+
+def _weighed(belief: Belief, name: str, reading: Measured) -> Belief:
+    jump = _JUMP_M if name != "board_yaw" else math.radians(3)
+    kept = (*belief.readings.get(name, ()), reading.value)[-_KEPT:]
+    last = kept[-_AGREE:]
+    agree = len(last) == _AGREE and max(last) - min(last) < jump / 2
+    if agree and abs(median(last) - median(kept)) > jump / 2:
+        kept = last  # it has moved
+    value = Measured(value=median(kept), sd=reading.sd)
+    return replace(belief, readings={**belief.readings, name: kept}, **{name: value})

@@ -49,10 +49,12 @@ Image = Annotated[NDArray[np.uint8], PlainValidator(_image_from), PlainSerialize
 
 
 class Stop(StrEnum):
-    """Why a motion ended."""
+    """Why a motion ended. Robots tell the first two; a skill knows which of its limits was meant to
+    be met."""
 
     REACHED = "reached"
     COMPRESSION = "compression"
+    TOUCH = "touch"  # a guarded motion that was to end at a compression below the limit, and did
 
     @property
     def is_early(self) -> bool:

@@ -24,17 +24,22 @@ INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 
 IN_HOLE_DEPTH_M = 0.0003  # metric Fit: the low corner is this far below the board's surface
 RIM_MARGIN_M = 0.0005  # metric Fit: the trailing corner is this far inside the near rim
+FAR_WALL_DEPTH_M = 0.0015
+FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 
 
-def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
-    """Make every check that the executed formation calls for."""
+def check(
+    task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], skills: str = "planar"
+) -> Evidence:
+    """Make every check that the executed formation calls for. With guided skills, Fit is right at
+    the far wall."""
     formation = outcome.step.formation
     checks = [pose_check(outcome), compression_check(outcome)]
     if formation in (Formation.FIT, Formation.ALIGN):
         checks.append(table_i(formation, outcome.scene, on_hole_px(outcome)))
     metric = {
-        Formation.FIT: metric_fit,
+        Formation.FIT: metric_fit if skills == "planar" else metric_far_wall,
         Formation.ALIGN: metric_align,
         Formation.INSERTION: metric_insertion,
     }.get(formation)
@@ -131,6 +136,19 @@ def metric_fit(task: Task, scene: Scene) -> Check:
     return _metric(depth >= IN_HOLE_DEPTH_M and past_rim >= RIM_MARGIN_M, words)
 
 
+def metric_far_wall(task: Task, scene: Scene) -> Check:
+    """The low corner is in the hole, near its far wall; the trailing corner may stand on the rim,
+    where a tight hole must leave it."""
+    if scene.peg is None or scene.hole is None:
+        return _unmade("metric", scene)
+    y, z = low_corner(scene.peg)
+    depth = scene.hole.surface_z.value - z
+    short = y - (scene.hole.y.value - half_hole(task))
+    words = f"low corner {depth * 1e3:.1f} mm deep, {short * 1e3:+.1f} mm from the far wall"
+    near = FAR_WALL_M[0] <= short <= FAR_WALL_M[1]
+    return _metric(depth >= FAR_WALL_DEPTH_M and near, words)
+
+
 def metric_align(task: Task, scene: Scene) -> Check:
     """Both lower corners are inside the hole's rims, and the peg stands within 5 degrees."""
     if scene.peg is None or scene.hole is None:
@@ -153,7 +171,7 @@ def metric_insertion(task: Task, scene: Scene) -> Check:
     depth = scene.hole.surface_z.value - scene.peg.tip_z.value
     offset = scene.peg.tip_y.value - scene.hole.y.value
     words = f"{depth * 1e3:.1f} mm deep, {offset * 1e3:+.1f} mm from the hole's centre"
-    deep = depth >= INSERTED_DEPTH_M + DEPTH_MARGIN_M
+    deep = depth >= task.depth + DEPTH_MARGIN_M
     return _metric(deep and abs(offset) <= half_hole(task), words)
 
 

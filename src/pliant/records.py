@@ -5,9 +5,10 @@
 A trial is the list of its executions; it can be stored, replayed, shown and scored.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Protocol
 
 from pliant.belief import Belief
 from pliant.cell import Image, Motion, Observation, Stop, Truth
@@ -23,10 +24,16 @@ SCHEMA = 1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
-    """An observation and what was measured in its side picture."""
+    """An observation and what was measured in its pictures."""
 
     observation: Observation
     scene: Scene
+
+
+class Looking(Protocol):
+    """Takes pictures with these cameras, now, and measures them."""
+
+    def __call__(self, cameras: Sequence[str] = ("side",)) -> Look: ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -202,6 +209,7 @@ class Case:
     outcome: Outcome
     evidence: Evidence
     belief: Belief
+    skills: str = "planar"
 
 
 class End(StrEnum):
@@ -235,6 +243,7 @@ class Trial:
     truths: tuple[Truth, ...] = ()  # after each execution; kept apart, so that no Case holds one
     aborted: Aborted | None = None  # the execution during which `fault` happened
     cell: str = "sim"  # the kind of workcell
+    skills: str = "planar"
 
     @property
     def judged(self) -> bool:

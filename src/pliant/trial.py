@@ -5,30 +5,35 @@ shows them as they happen, and an environment drives it step by step.
 """
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
-from pliant.belief import Belief, fold
+from pliant.belief import Belief, Seen, fold
 from pliant.cell import Robot
 from pliant.checks import check
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
 from pliant.pose import Pose
-from pliant.records import Aborted, Case, End, Execution, Look, Outcome, Recovery, Verdict
+from pliant.records import Aborted, Case, End, Execution, Look, Looking, Outcome, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 from pliant.task import Task
 from pliant.teaching import Teaching
-from pliant.vision.measure import SIMULATED, Colours, measure
+from pliant.vision.measure import SIMULATED, Colours
+from pliant.vision.surround import SIDE, see
 
 
 class Skill(Protocol):
     """Executes a step on the robot, looking when it has come to rest."""
 
+    @property
+    def name(self) -> str: ...
+
     def __call__(
-        self, robot: Robot, look: Callable[[], Look], target: Pose, step: Step, belief: Belief
+        self, robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief
     ) -> Outcome: ...
 
 
@@ -67,6 +72,7 @@ class Run:
     aborted: Aborted | None = None  # the execution during which the fault happened
     clock_s: float = 0.0  # of the robot, after the last execution
     history: list[Execution] = field(default_factory=list)
+    _board_yaw: float = 0.0  # last seen
 
     def __iter__(self) -> Iterator[Execution]:
         """The executions; the reasoner answers."""
@@ -108,8 +114,9 @@ class Run:
                 goals=goals,
                 history=tuple(self.history),
                 outcome=outcome,
-                evidence=check(self.task, outcome, self.teaching.scenes),
+                evidence=check(self.task, outcome, self.teaching.scenes, self.skill.name),
                 belief=self._belief(outcome),
+                skills=self.skill.name,
             )
             verdict = self.reasoner.judge(case)
             failures = 0 if verdict.success else failures + 1
@@ -149,7 +156,7 @@ class Run:
     def _execute(self, robot: Guarded, target: Pose, step: Step, before: Belief) -> Outcome:
         robot.motions.clear()
         try:
-            return self.skill(robot, lambda: self._look(robot), target, step, before)
+            return self.skill(robot, partial(self._look, robot), target, step, before)
         except RobotFault:
             self.aborted = Aborted(
                 step=step,
@@ -159,12 +166,18 @@ class Run:
             )
             raise
 
-    def _look(self, robot: Guarded) -> Look:
-        observation = robot.observe()
-        scene = measure(observation.views["side"], self.task, self.colours)
+    def _look(self, robot: Guarded, cameras: Sequence[str] = (SIDE,)) -> Look:
+        observation = robot.observe(cameras)
+        scene = see(observation.views, self.task, self.colours, board_yaw=self._board_yaw)
+        if scene.board_yaw is not None:
+            self._board_yaw = scene.board_yaw.value
         return Look(observation=observation, scene=scene)
 
     def _belief(self, outcome: Outcome | None) -> Belief:
         outcomes = [e.outcome for e in self.history] + ([outcome] if outcome else [])
-        seen = ((o.step.formation, look.scene) for o in outcomes for look in o.looks)
-        return fold(seen, self.teaching.scenes.get(Formation.APPROACH))
+        seen = (
+            Seen(formation=o.step.formation, pose=look.observation.pose, scene=look.scene)
+            for o in outcomes
+            for look in o.looks
+        )
+        return fold(seen, self.teaching, soft=self.skill.name == "guided")

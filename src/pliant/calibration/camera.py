@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from pliant.calibration.least_squares import Unknown, Vector, minimise
 from pliant.calibration.outline import Hang, Points, block_points, outside, peg_points, project
 from pliant.cell import Camera
 from pliant.errors import InputError
 from pliant.pose import Pose
 from pliant.task import BLOCK_SIZE, Task
+from pliant.vision.least_squares import Unknown, Vector, minimise
 
 LEAST_SHOTS = 8
 WORST_RMS_PX = 0.6  # a sharp picture's staircase alone is 0.3

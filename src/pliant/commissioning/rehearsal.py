@@ -132,8 +132,8 @@ def air(robot: Robot, taught: Teaching, task: Task, limits: Limits) -> Iterator[
 
 
 def _execute(robot: Robot, skill: Planar, step: Step) -> Outcome:
-    def look() -> Look:
-        return Look(observation=robot.observe(), scene=_UNSEEN)
+    def look(cameras: Sequence[str] = ("side",)) -> Look:
+        return Look(observation=robot.observe(cameras), scene=_UNSEEN)
 
     return skill(robot, look, skill.taught.target(step.formation), step, Belief())
 

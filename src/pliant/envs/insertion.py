@@ -180,8 +180,8 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         skill = Planar(taught=self._goals)
         guarded = Guarded(robot, self._limits)
 
-        def unseen() -> Look:
-            return Look(observation=robot.observe(cameras=()), scene=Scene(peg=None, hole=None))
+        def unseen(cameras: Sequence[str] = ()) -> Look:
+            return Look(observation=robot.observe(cameras), scene=Scene(peg=None, hole=None))
 
         for formation in self._before:
             target, step = self._goals.target(formation), self._goals.step(formation)

@@ -4,16 +4,13 @@ Approach moves in y, z and roll; Contact and Insertion in z; Fit and Align in y.
 the rest. A step with `retreat` first leaves the hole: straight up, across, and down again.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from pliant.belief import Belief
 from pliant.cell import Motion, Robot
 from pliant.formations import Formation, Goals, Step
 from pliant.pose import Pose
-from pliant.records import Look, Outcome
-
-NAME = "planar"
+from pliant.records import Looking, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +19,7 @@ class Planar:
     where it comes down; speeds [m/s], limit [m], waits [s]."""
 
     taught: Goals
+    name: str = "planar"
     free_speed_m_s: float = 0.05
     contact_speed_m_s: float = 0.02  # slow enough that a dragged tip does not hop
     compression_limit_m: float = 0.020  # from free hang
@@ -29,7 +27,7 @@ class Planar:
     approach_settle_s: float = 1.5  # in free hang the wrist swings longer
 
     def __call__(
-        self, robot: Robot, look: Callable[[], Look], target: Pose, step: Step, belief: Belief
+        self, robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief
     ) -> Outcome:
         """Execute a step: move to `target`, wait, look. A compression stop ends it at once."""
         motions: list[Motion] = []

@@ -38,14 +38,20 @@ _EDGE_MARGIN = 6.0  # [px] kept clear of corners when lines are fitted
 _LEAST_EDGE = 15  # points a long edge needs
 _HIDDEN = 0.8  # [px] further in than the edge: hidden by something
 _PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
+_SEEN_FROM_ABOVE = 0.001  # [m] so far below the camera, the board's top face is seen
 _TILT_SD = math.radians(0.17)  # [rad] of a fully visible 90 mm peg
 
 
-def measure(view: View, task: Task, colours: Colours = SIMULATED) -> Scene:
-    """Measure the peg and the hole in a side picture. Not found is None, with the reason."""
+def measure(
+    view: View, task: Task, colours: Colours = SIMULATED, *, board_yaw: float = 0.0
+) -> Scene:
+    """Measure the peg and the hole in a side picture. Not found is None, with the reason.
+
+    `board_yaw` [rad] is the board's angle, which a side picture alone does not tell.
+    """
     hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
     problems: list[str] = []
-    hole = _hole(hsv, view.camera, colours, problems)
+    hole = _hole(hsv, view.camera, colours, board_yaw, problems)
     peg = _peg(hsv, view.camera, task, hole, colours, problems)
     return Scene(peg=peg, hole=hole, problems=tuple(problems), time_s=view.time_s)
 
@@ -70,7 +76,7 @@ def largest_contour(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...])
     return largest.reshape(-1, 2).astype(np.float64) + 0.5  # pixel centres
 
 
-def _box(contour: Points) -> tuple[tuple[Pixel, Pixel, Pixel, Pixel], Pixel, float]:
+def box_around(contour: Points) -> tuple[tuple[Pixel, Pixel, Pixel, Pixel], Pixel, float]:
     """Corners and centre of the minimum-area rectangle, and its tilt to the left [deg]."""
     rectangle = cv2.minAreaRect(contour.astype(np.float32))
     corners = cv2.boxPoints(rectangle).astype(float)
@@ -87,13 +93,17 @@ def _box(contour: Points) -> tuple[tuple[Pixel, Pixel, Pixel, Pixel], Pixel, flo
 
 
 def _hole(
-    hsv: NDArray[np.uint8], camera: Camera, colours: Colours, problems: list[str]
+    hsv: NDArray[np.uint8],
+    camera: Camera,
+    colours: Colours,
+    board_yaw: float,
+    problems: list[str],
 ) -> HoleSeen | None:
     contour = largest_contour(hsv, colours.block)
     if contour is None:
         problems.append("no hole: no red region in the picture")
         return None
-    box, center, _ = _box(contour)
+    box, center, _ = box_around(contour)
     u, v = contour[:, 0], contour[:, 1]
     top = float(np.min(v))
     rows = (v > top + _EDGE_MARGIN) & (v < np.max(v) - _EDGE_MARGIN)
@@ -105,11 +115,12 @@ def _hole(
         problems.append("no hole: the block is cut off by the picture's border")
         return None
     front = BLOCK_SIZE[0] / 2
-    middle_u = (float(np.median(left)) + float(np.median(right))) / 2
-    y, _ = camera.on_plane_x(middle_u, camera.height / 2, front)
+    y = _middle_of_block(camera, float(np.median(left)), float(np.median(right)), board_yaw)
     columns = (u > np.median(left) + _EDGE_MARGIN) & (u < np.median(right) - _EDGE_MARGIN)
     upper = v[columns & (v < center[1])]
     _, surface = camera.on_plane_x(camera.width / 2, float(np.median(upper)) - 0.5, front)
+    if surface < camera.position[2] - _SEEN_FROM_ABOVE:  # the far edge is then the highest
+        _, surface = camera.on_plane_x(camera.width / 2, float(np.median(upper)) - 0.5, -front)
     sd = _PIXEL_SD * camera.metres_per_pixel(front)
     return HoleSeen(
         box_px=box,
@@ -117,6 +128,27 @@ def _hole(
         y=Measured(value=y, sd=sd),
         surface_z=Measured(value=surface, sd=sd),
     )
+
+
+def _middle_of_block(camera: Camera, left_u: float, right_u: float, yaw: float) -> float:
+    """y [m] of the block's axis from the columns of its outermost vertical edges: of the near face
+    where the block faces the camera, of opposite corners where it is turned."""
+    half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    corners = [
+        (cos * x - sin * y, sin * x + cos * y)
+        for x, y in ((half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y))
+    ]
+    distance = abs(float(camera.position[0]))
+    seen = [y / (distance - x) for x, y in corners]
+    middles = []
+    for u, (x, y) in (
+        (left_u, corners[int(np.argmin(seen))]),
+        (right_u, corners[int(np.argmax(seen))]),
+    ):
+        at, _ = camera.on_plane_x(u, camera.height / 2, x)
+        middles.append(at - y)
+    return sum(middles) / 2
 
 
 # --- the peg -----------------------------------------------------------------------------------
@@ -137,11 +169,11 @@ def _peg(
     if np.min(contour) < 1 or np.any(contour.max(axis=0) > (camera.width - 1, camera.height - 1)):
         problems.append("no peg: it is cut off by the picture's border")
         return None
-    box, center, tilt_deg = _box(contour)
+    box, center, tilt_deg = box_around(contour)
     bottom = sorted(box, key=lambda p: p[1])[2:]
     edge = max(bottom)
 
-    sides = _long_edges(contour, center, math.radians(tilt_deg), hole)
+    sides = long_edges(contour, center, math.radians(tilt_deg), hole)
     if sides is None:
         problems.append("no peg: its long edges are not visible")
         return None
@@ -157,7 +189,7 @@ def _peg(
     top_px = middle + np.max((relative @ axis)[near_axis]) * axis
     _, top_z = camera.on_plane_x(float(top_px[0]), float(top_px[1]), task.peg.half_extents[0])
     # Its place along y: where the axis, measured on the silhouette's plane, reaches that height.
-    y0, z0 = _between(camera, left_point, right_point, task.peg.silhouette_x)
+    y0, z0 = between(camera, left_point, right_point, task.peg.silhouette_x)
     lean = math.tan(tilt)
     tip_z = top_z - task.peg.length * math.cos(tilt)
     tip_y = y0 - (tip_z - z0) * lean
@@ -183,7 +215,7 @@ def _peg(
     )
 
 
-def _between(
+def between(
     camera: Camera, left: Points, right: Points, near: float
 ) -> tuple[float, float]:  # (y, z) [m]
     """Halfway between a point on the left and one on the right edge. An edge on the camera's own
@@ -197,7 +229,7 @@ def _between(
     return (y_left + y_right) / 2, (z_left + z_right) / 2
 
 
-def _long_edges(
+def long_edges(
     contour: Points, center: Pixel, tilt: float, hole: HoleSeen | None
 ) -> tuple[tuple[Points, float], tuple[Points, float], float] | None:
     """A point and the tilt [rad] of the peg's left and right edge, and their visible length [px].

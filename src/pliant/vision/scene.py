@@ -48,10 +48,22 @@ class HoleSeen:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Across:
+    """What the front camera adds: across the plane that the side camera sees. None: not seen."""
+
+    tip_x: Measured | None  # centre of the peg's bottom face [m]
+    pitch: Measured | None  # [rad], of the peg
+    hole_x: Measured | None  # [m]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One picture's measurement. What could not be measured is None; `problems` says why."""
+    """What the pictures of one moment measure: the side picture, and the front and the oblique one
+    where they were taken. What could not be measured is None; `problems` says why."""
 
     peg: PegSeen | None
     hole: HoleSeen | None
     problems: tuple[str, ...] = ()
     time_s: float = 0.0
+    across: Across | None = None
+    board_yaw: Measured | None = None  # [rad]

@@ -1,0 +1,136 @@
+"""The front and the oblique camera: where the peg and the hole are across the plane of insertion,
+and how the board is turned.
+
+The front camera stands at +y and looks along -y. Turned by a quarter about z its picture is one
+from the side, so the same segmentation measures it. The oblique camera looks down on the block.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.cell import Camera, View
+from pliant.task import BLOCK_SIZE, Task
+from pliant.vision.least_squares import Unknown, minimise
+from pliant.vision.measure import (
+    SIMULATED,
+    Colours,
+    between,
+    box_around,
+    largest_contour,
+    long_edges,
+    measure,
+)
+from pliant.vision.scene import Across, Measured, PegSeen, Scene
+
+SIDE, FRONT, OBLIQUE = "side", "front", "oblique"
+ALL = (SIDE, FRONT, OBLIQUE)
+
+_QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # +y becomes +x
+_TILT_SD = math.radians(0.25)
+_PLACE_SD = 0.0003  # [m]
+_YAW_SD = math.radians(0.2)
+_CONTOUR_STEP = 3  # every third point of the outline is enough
+_ROBUST_PX = (20.0, 6.0, 2.0)
+_MOST_YAW = math.radians(20)
+
+
+def see(
+    views: Mapping[str, View], task: Task, colours: Colours = SIMULATED, *, board_yaw: float = 0.0
+) -> Scene:
+    """Measure the pictures of one moment. `board_yaw` [rad] is the last that was seen; an oblique
+    picture among these gives a new one."""
+    scene = measure(views[SIDE], task, colours, board_yaw=board_yaw)
+    turned = None
+    if OBLIQUE in views and scene.hole is not None:
+        height = scene.hole.surface_z.value
+        turned = _board_yaw(views[OBLIQUE], colours, scene.hole.y.value, height)
+    if turned is not None:
+        scene = measure(views[SIDE], task, colours, board_yaw=turned.value)
+        board_yaw = turned.value
+    across = None
+    if FRONT in views:
+        across = _across(views[FRONT], task, scene.peg, colours, board_yaw)
+    return replace(scene, across=across, board_yaw=turned)
+
+
+def _across(
+    view: View, task: Task, beside: PegSeen | None, colours: Colours, board_yaw: float
+) -> Across:
+    camera = _quarter_turned(view.camera)
+    hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
+    hole = measure(replace(view, camera=camera), task, colours, board_yaw=board_yaw).hole
+    hole_x = None if hole is None else replace(hole.y, value=-hole.y.value)
+    peg = largest_contour(hsv, colours.peg)
+    if peg is None or beside is None:
+        return Across(tip_x=None, pitch=None, hole_x=hole_x)
+    _, center, tilt_deg = box_around(peg)
+    edges = long_edges(peg, center, math.radians(tilt_deg), hole)
+    if edges is None:
+        return Across(tip_x=None, pitch=None, hole_x=hole_x)
+    (left, left_tilt), (right, right_tilt), _ = edges
+    tilt = (left_tilt + right_tilt) / 2
+    near = 0.0 if task.peg.radius is not None else task.peg.half_extents[1]
+    y, z = between(camera, left, right, near)
+    tip = y - (beside.tip_z.value - z) * math.tan(tilt)
+    return Across(
+        tip_x=Measured(value=-tip, sd=_PLACE_SD),
+        pitch=Measured(value=tilt, sd=_TILT_SD),
+        hole_x=hole_x,
+    )
+
+
+def _quarter_turned(camera: Camera) -> Camera:
+    return replace(camera, position=_QUARTER @ camera.position, rotation=_QUARTER @ camera.rotation)
+
+
+def _board_yaw(view: View, colours: Colours, y: float, surface: float) -> Measured | None:
+    """The block's angle about z, by fitting its silhouette to the outline of its region."""
+    hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
+    contour = largest_contour(hsv, colours.block)
+    if contour is None:
+        return None
+    points = contour[::_CONTOUR_STEP]
+
+    def distances(at: NDArray[np.float64]) -> NDArray[np.float64]:
+        outline = _silhouette(view.camera, at[0], y + at[1], surface, at[2])
+        return np.array(
+            [cv2.pointPolygonTest(outline, (float(u), float(v)), True) for u, v in points]
+        )
+
+    at = minimise(
+        distances,
+        [
+            Unknown(start=0.0, step=1e-4),
+            Unknown(start=0.0, step=1e-4),
+            Unknown(start=0.0, step=1e-4),
+        ],
+        sds=np.ones(len(points)),
+        robust=_ROBUST_PX,
+    )
+    fits = np.abs(distances(at)) < _ROBUST_PX[-1]
+    if abs(at[2]) > _MOST_YAW or np.mean(fits) < 0.5:
+        return None
+    return Measured(value=float(at[2]), sd=_YAW_SD)
+
+
+def _silhouette(
+    camera: Camera, x: float, y: float, surface: float, yaw: float
+) -> NDArray[np.float32]:  # (n, 1, 2) [px]
+    """The outline of the block in a picture: the convex hull of its corners."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
+    corners = np.array(
+        [
+            camera.project(np.array([x + cos * a - sin * b, y + sin * a + cos * b, z]))
+            for a in (-half_x, half_x)
+            for b in (-half_y, half_y)
+            for z in (surface - BLOCK_SIZE[2], surface)
+        ],
+        np.float32,
+    )
+    return cv2.convexHull(corners).astype(np.float32)
