@@ -63,6 +63,10 @@ class Peg:
                     f" {-(min(ys) + max(ys)) / 2:g} mm to every y"
                 )
 
+    def grown(self, margin: float) -> Outline:
+        """The polygon's corners with every edge moved outward by `margin` [m]."""
+        return _grown(self.outline, margin)
+
     @property
     def half_extents(self) -> tuple[float, float]:
         """How far the peg reaches from its axis along x and y [m]."""
@@ -183,7 +187,15 @@ class Task:
     peg_top_above_grasp: float = 0.005
 
     def __post_init__(self) -> None:
-        half = max(self.peg.half_extents) + self.hole.clearance / 2 + self.hole.chamfer
+        margin = self.hole.clearance / 2 + self.hole.chamfer
+        grown = self.peg.grown(margin)
+        if grown and (closed := _reversed_edge(self.peg.outline, grown)):
+            raise InputError(
+                f"peg '{self.peg.name}': its hole, {margin * 1e3:g} mm wider on each side, closes"
+                f" at the edge from {_spoken(*closed[0])} to {_spoken(*closed[1])} mm: lengthen"
+                " that edge, or lessen the clearance or the chamfer"
+            )
+        half = max((abs(v) for p in grown for v in p), default=(self.peg.radius or 0.0) + margin)
         if half > min(BLOCK_SIZE[:2]) / 2 - 0.01:
             raise InputError(
                 f"peg '{self.peg.name}': its hole is {2e3 * half:g} mm wide; the block leaves room"
@@ -268,8 +280,11 @@ def _parse_peg(text: str, name: str) -> Task:
         sy = _millimetres(data, "size_y_mm", name) / 2
         corners = ((-sx, -sy), (sx, -sy), (sx, sy), (-sx, sy))
         peg = Peg(name=name, outline=corners, length=length)
+    elif shape == "polygon":
+        peg = Peg(name=name, outline=_corners(data, name), length=length)
     else:
-        raise unknown("shape", shape, ("circle", "rectangle"), f"in peg file '{name}'")
+        shapes = ("circle", "rectangle", "polygon")
+        raise unknown("shape", shape, shapes, f"in peg file '{name}'")
     if data:
         raise InputError(
             f"peg file '{name}': unknown field '{next(iter(data))}' for shape '{shape}'"
@@ -279,13 +294,34 @@ def _parse_peg(text: str, name: str) -> Task:
 
 def _millimetres(data: dict[str, Any], key: str, name: str, default: float | None = None) -> float:
     value = data.pop(key, default)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
     signed = key in ("clearance_mm", "chamfer_mm")  # judged by Hole
-    if not (number and (-1e4 if signed else 0.0) < value < 1e4):
+    if not _is_length(value, -1e4 if signed else 0.0):
         raise InputError(
             f"peg file '{name}': {key} is {value!r}; it must be a number of millimetres above 0"
         )
     return float(value) * 1e-3
+
+
+def _corners(data: dict[str, Any], name: str) -> Outline:
+    value = data.pop("corners_mm", None)
+    if not isinstance(value, list):
+        raise InputError(
+            f"peg file '{name}': corners_mm is {value!r}; it must be a list of corners [x, y]"
+        )
+    for corner in value:
+        numbers = isinstance(corner, list) and [v for v in corner if _is_length(v, -1e4)]
+        if not numbers or not len(numbers) == len(corner) == 2:
+            raise InputError(
+                f"peg file '{name}': corners_mm holds {corner!r}; a corner must be [x, y],"
+                " two numbers of millimetres"
+            )
+    return tuple((x * 1e-3, y * 1e-3) for x, y in value)
+
+
+def _is_length(value: object, least: float) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return least < value < 1e4
 
 
 # --- polygons ------------------------------------------------------------------------------------
@@ -307,6 +343,31 @@ def _fault(outline: Outline) -> str | None:
         turning += math.atan2(cross, x * nx + y * ny)
     if not math.isclose(turning, math.tau):
         return f"its corners go {turning / math.tau:.0f} times around the axis; it must be once"
+    return None
+
+
+def _grown(outline: Outline, margin: float) -> Outline:
+    """Every edge moved outward by `margin` [m], and as long as it then must be to meet the next."""
+    normals = []
+    for (ax, ay), (bx, by) in zip(outline, outline[1:] + outline[:1], strict=True):
+        length = math.hypot(bx - ax, by - ay)
+        normals.append(((by - ay) / length, (ax - bx) / length))
+    grown = []
+    for i, (x, y) in enumerate(outline):
+        (px, py), (nx, ny) = normals[i - 1], normals[i]
+        scale = margin / (1 + px * nx + py * ny)
+        grown.append((x + (px + nx) * scale, y + (py + ny) * scale))
+    return tuple(grown)
+
+
+def _reversed_edge(
+    outline: Outline, grown: Outline
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """The first edge that vanished when the outline grew."""
+    for i, (a, ga) in enumerate(zip(outline, grown, strict=True)):
+        b, gb = outline[(i + 1) % len(outline)], grown[(i + 1) % len(outline)]
+        if (b[0] - a[0]) * (gb[0] - ga[0]) + (b[1] - a[1]) * (gb[1] - ga[1]) <= 0:
+            return a, b
     return None
 
 

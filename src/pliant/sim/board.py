@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from pliant.sim.constants import ROUND_HOLE_SIDES
 from pliant.task import BLOCK_SIZE, Hole, Peg
 
-Polygon = NDArray[np.float64]  # (n, 2) [m], convex, counter-clockwise
+Polygon = NDArray[np.float64]  # (n, 2) [m], counter-clockwise around (0, 0)
+
+_STRAIGHT = 1e-12  # [m2]: corners that bend less lie on a line
 
 
 @lru_cache(maxsize=16)
@@ -19,7 +21,7 @@ def hole_outline(peg: Peg, hole: Hole, *, grown: float = 0.0) -> Polygon:
     around its circle, with flats at +-y."""
     margin = hole.clearance / 2 + grown
     if peg.radius is None:
-        outline = _grow(np.array(peg.outline), margin)
+        outline = np.array(peg.grown(margin))
     else:
         apothem = peg.radius + margin
         half = math.pi / ROUND_HOLE_SIDES
@@ -52,27 +54,45 @@ def hole_prisms(peg: Peg, hole: Hole) -> list[NDArray[np.float64]]:  # each (n, 
 
 
 def contains(outline: Polygon, point: Sequence[float]) -> bool:
-    """Whether a point (x, y) lies inside a convex, counter-clockwise outline."""
+    """Whether a point (x, y) lies inside a counter-clockwise outline, star-shaped around (0, 0)."""
     x, y = point
     corners = outline.tolist()
-    return all(
-        (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
+    return any(
+        ax * y - ay * x >= 0
+        and x * by - y * bx >= 0
+        and (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
         for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True)
     )
 
 
-def _grow(outline: Polygon, margin: float) -> Polygon:
-    edges = np.roll(outline, -1, axis=0) - outline
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    offsets = np.sum(normals * outline, axis=1) + margin
-    before_n, before_o = np.roll(normals, 1, axis=0), np.roll(offsets, 1)
-    return np.array(
-        [
-            np.linalg.solve([n0, n1], [o0, o1])
-            for n0, n1, o0, o1 in zip(before_n, normals, before_o, offsets, strict=True)
-        ]
-    )
+def area(polygon: Polygon) -> float:
+    """Of a polygon [m2]."""
+    x, y = polygon.T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def convex_pieces(outline: Polygon) -> list[Polygon]:
+    """A star-shaped outline as convex polygons: itself, or sectors around (0, 0), the first from an
+    inward corner on, each as wide as it can be."""
+    turns = [_turn(*outline[[i - 1, i, (i + 1) % len(outline)]]) for i in range(len(outline))]
+    if min(turns) > -_STRAIGHT:
+        return [outline]
+    ring = np.roll(outline, -int(np.argmin(turns)), axis=0)
+    center = np.zeros(2)
+    pieces = [[ring[0], ring[1]]]
+    for corner in [*ring[2:], ring[0]]:
+        first, before, last = pieces[-1][0], pieces[-1][-2], pieces[-1][-1]
+        bends_out = len(pieces[-1]) == 2 or _turn(before, last, corner) > -_STRAIGHT
+        if bends_out and _turn(corner, center, first) > 0:
+            pieces[-1].append(corner)
+        else:
+            pieces.append([last, corner])
+    return [np.array([center, *piece]) for piece in pieces]
+
+
+def _turn(a: Polygon, b: Polygon, c: Polygon) -> float:
+    """Above 0 [m2]: from a over b to c the way turns left."""
+    return float((b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]))
 
 
 def _block_outline_between(start: Polygon, end: Polygon) -> list[tuple[float, float]]:

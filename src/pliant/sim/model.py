@@ -12,9 +12,9 @@ import numpy as np
 from pliant.pose import Axis
 from pliant.sim import constants as c
 from pliant.sim.assets import UR5E, menagerie_file
-from pliant.sim.board import hole_prisms
+from pliant.sim.board import area, convex_pieces, hole_prisms
 from pliant.sim.gripper import closed_on
-from pliant.task import BLOCK_SIZE, Task
+from pliant.task import BLOCK_SIZE, Peg, Task
 
 ARM_JOINTS = (
     "shoulder_pan_joint",
@@ -215,30 +215,43 @@ def _peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
     body = wrist.add_body(name=PEG, pos=[0, 0, -task.grasp_below_hinge])
     half = peg.length / 2
     center = [0, 0, task.peg_top_above_grasp - half]
-    shape: dict[str, object]
-    if peg.radius is not None:
-        shape = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [peg.radius, half, 0]}
-    elif _is_rectangle(np.array(peg.outline)):
-        shape = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [*peg.half_extents, half]}
-    else:
-        vertices = [(x, y, z) for x, y in peg.outline for z in (-half, half)]
-        spec.add_mesh(name=PEG, uservert=np.array(vertices).ravel())
-        shape = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": PEG}
     contype, conaffinity = _PEG_BITS
-    body.add_geom(
-        name=PEG,
-        pos=center,
-        mass=c.PEG_MASS,
-        rgba=list(c.PEG_RGBA),
-        **shape,
-        **_contact(contype, conaffinity),
-    )
+    for i, (shape, share) in enumerate(_peg_shapes(spec, peg)):
+        body.add_geom(
+            name=f"{PEG}{i}" if i else PEG,
+            pos=center,
+            mass=c.PEG_MASS * share,
+            rgba=list(c.PEG_RGBA),
+            **shape,
+            **_contact(contype, conaffinity),
+        )
     body.add_site(name=TIP_SITE, pos=[0, 0, task.peg_top_above_grasp - peg.length], group=4)
 
 
+def _peg_shapes(spec: mujoco.MjSpec, peg: Peg) -> list[tuple[dict[str, object], float]]:
+    """The convex pieces of a peg, each with its share of the whole."""
+    half = peg.length / 2
+    outline = np.array(peg.outline)
+    if peg.radius is not None:
+        return [({"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [peg.radius, half, 0]}, 1.0)]
+    if _is_rectangle(outline):
+        return [({"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [*peg.half_extents, half]}, 1.0)]
+    pieces = convex_pieces(outline)
+    areas = np.array([area(piece) for piece in pieces])
+    shapes: list[dict[str, object]] = []
+    for i, piece in enumerate(pieces):
+        name = f"{PEG}{i}" if i else PEG
+        vertices = [(x, y, z) for x, y in piece for z in (-half, half)]
+        spec.add_mesh(name=name, uservert=np.array(vertices).ravel())
+        shapes.append({"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": name})
+    return list(zip(shapes, (areas / areas.sum()).tolist(), strict=True))
+
+
 def _is_rectangle(outline: np.ndarray) -> bool:
+    """Whether it is one around the axis, with its sides along x and y."""
     edges = np.roll(outline, -1, axis=0) - outline
-    return len(outline) == 4 and bool(np.all(np.isclose(np.prod(edges, axis=1), 0.0)))
+    along = bool(np.all(np.isclose(np.prod(edges, axis=1), 0.0)))
+    return len(outline) == 4 and along and np.allclose(outline.mean(axis=0), 0.0)
 
 
 def _board(spec: mujoco.MjSpec, task: Task) -> None:
