@@ -18,14 +18,22 @@ from pliant.pose import Axis
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
     """A quantity that can be drawn: its nominal value, the range that can be simulated, the axis
-    whose unit it has (None: a bare number), and what it is. Of a `two_sided` one the size is drawn
-    from a range, and its sign besides."""
+    whose unit it has (None: a bare number, or the `symbol` of what it counts), and what it is. Of a
+    `two_sided` one the size is drawn from a range, and its sign besides."""
 
     nominal: float
     valid: tuple[float, float]
     unit: Axis | None
     meaning: str
     two_sided: bool = False
+    symbol: str = ""
+
+    @property
+    def si_unit(self) -> str:
+        """As results name it: m, rad, s, or 1."""
+        if self.unit is None:
+            return self.symbol or "1"
+        return "rad" if self.unit.is_angle else "m"
 
 
 _MM, _DEG = Axis.Y, Axis.ROLL  # any axis with that unit
@@ -46,6 +54,10 @@ def _share(meaning: str) -> Quantity:
     return Quantity(nominal=0.0, valid=(0.0, 1.0), unit=None, meaning=meaning)
 
 
+def _size(most: float, meaning: str) -> Quantity:
+    return Quantity(nominal=0.0, valid=(0.0, most), unit=_MM, meaning=meaning)
+
+
 def _factor(low: float, high: float, meaning: str) -> Quantity:
     return Quantity(nominal=1.0, valid=(low, high), unit=None, meaning=meaning)
 
@@ -58,6 +70,23 @@ QUANTITIES: Mapping[str, Quantity] = {
     "board_z": _length(0.02, "the board's surface above the nominal"),
     "board_yaw": _angle(15, "the board's angle about z"),
     "grasp_pitch": _angle(10, "the peg's angle in the grasp about y"),
+    "looks": _share("above 0.5: colours, textures, light, noise and camera places are random"),
+    "occluder": _share("above 0.5: a post before the side and one before the front camera"),
+    "stale": _share("share of pictures that are the one before, with its time stamp"),
+    "misread": _share("share of the hole's measurements that are 10 mm off"),
+    "board_shift": _size(0.02, "how far the board is pushed when it is struck"),
+    "board_shift_heading": _angle(180, "the direction of that push, about z from x"),
+    "grasp_turn": _angle(10, "how far the peg turns in the grasp about x then", two_sided=True),
+    "grasp_slide": _size(0.01, "how far the peg slides up in the grasp then"),
+    "struck_at": Quantity(
+        nominal=8.0,
+        valid=(0.0, 600.0),
+        unit=None,
+        symbol="s",
+        meaning="when board and grasp are struck, on the robot's clock",
+    ),
+    "wrist_stiffness": _factor(0.2, 5.0, "the wrist's stiffness on every axis, as a factor"),
+    "compression_noise": _size(0.002, "standard deviation of a reading of the wrist's compression"),
 }
 """What may differ from plan in a trial. The first three are the paper's."""
 
@@ -72,14 +101,17 @@ PAPER_RANGES: Mapping[str, tuple[float, float]] = {
 
 def in_words(quantity: str, value: float) -> str:
     """A quantity's value as a person reads it: "-20 mm", "5 deg", "3"."""
-    axis = QUANTITIES[quantity].unit
-    return f"{value:g}" if axis is None else f"{axis.to_report(value):g} {axis.report_unit}"
+    known = QUANTITIES[quantity]
+    axis = known.unit
+    if axis is None:
+        return f"{value:g} {known.symbol}".rstrip()
+    return f"{axis.to_report(value):g} {axis.report_unit}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What is actual in one trial: every quantity of QUANTITIES [m, rad, 1]. Ground truth: it stays
-    on the experiment's side."""
+    """What is actual in one trial: every quantity of QUANTITIES [m, rad, s, 1]. Ground truth: it
+    stays on the experiment's side."""
 
     seed: int
     friction: float = 1.0
@@ -89,6 +121,17 @@ class Setup:
     board_z: float = 0.0
     board_yaw: float = 0.0
     grasp_pitch: float = 0.0
+    looks: float = 0.0
+    occluder: float = 0.0
+    stale: float = 0.0
+    misread: float = 0.0
+    board_shift: float = 0.0
+    board_shift_heading: float = 0.0
+    grasp_turn: float = 0.0
+    grasp_slide: float = 0.0
+    struck_at: float = 8.0
+    wrist_stiffness: float = 1.0
+    compression_noise: float = 0.0
 
     def quantities(self) -> dict[str, float]:
         """Every quantity by its name, drawn or nominal."""
@@ -97,6 +140,10 @@ class Setup:
     def disturbed(self) -> dict[str, float]:
         """Those that are not nominal."""
         return {name: v for name, v in self.quantities().items() if v != NOMINAL[name]}
+
+    def stream(self, name: str) -> np.random.Generator:
+        """Random numbers of this trial's own, for what is not drawn once but again and again."""
+        return _stream(self.seed, name)
 
 
 @dataclass(frozen=True, kw_only=True)

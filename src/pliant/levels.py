@@ -11,7 +11,7 @@ from importlib.resources import files
 
 import yaml
 
-from pliant.conditions import QUANTITIES, Condition
+from pliant.conditions import CONDITIONS, QUANTITIES, Condition, Quantity
 from pliant.errors import unknown
 from pliant.pose import Axis
 
@@ -30,7 +30,10 @@ class Level:
     pegs: tuple[str, ...]
 
     def on(self, condition: Condition) -> Condition:
-        """A condition with what the level draws besides; a range of the condition's own stays."""
+        """A condition with what the level draws besides. Where both draw a quantity, a condition of
+        the user's own keeps its range, and one of the paper's takes the level's."""
+        if condition.name in CONDITIONS:
+            return replace(condition, ranges={**condition.ranges, **self.ranges})
         return replace(condition, ranges={**self.ranges, **condition.ranges})
 
 
@@ -71,11 +74,12 @@ def shipped_levels() -> Mapping[str, Level]:
     return levels
 
 
-def _field(quantity: str, unit: Axis | None) -> str:
-    return quantity if unit is None else f"{quantity}_{unit.report_unit}"
+def _field(name: str, quantity: Quantity) -> str:
+    unit = quantity.symbol if quantity.unit is None else quantity.unit.report_unit
+    return f"{name}_{unit}" if unit else name
 
 
 FIELDS: Mapping[str, tuple[str, Axis | None]] = {
-    _field(name, q.unit): (name, q.unit) for name, q in QUANTITIES.items()
+    _field(name, q): (name, q.unit) for name, q in QUANTITIES.items()
 }
 """What a level or a custom condition may draw: its field's name, the quantity, its unit's axis."""

@@ -28,8 +28,8 @@ from pliant.cell import Camera
 from pliant.emulator.block import Block, CameraFault, State
 from pliant.errors import InputError
 from pliant.sim import model as m
-from pliant.sim.cell import apply
 from pliant.sim.render import CAMERAS, Cameras
+from pliant.sim.setup import apply
 from pliant.task import load_task
 
 TIME_HEADER = "X-Robot-Time"

@@ -73,10 +73,6 @@ def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> Colum
     return Column(name=name, type=kind, meaning=meaning, unit=unit)
 
 
-def _unit_of(axis: Axis | None) -> str:
-    return "1" if axis is None else "rad" if axis.is_angle else "m"
-
-
 TRIALS: tuple[Column, ...] = (
     _column("trial_id", _TEXT, "level-peg-condition-reasoner-seed; unique"),
     _column("cell", _TEXT, "sim, ur5e, or emulator: a simulated cell behind a UR5e's software"),
@@ -108,7 +104,7 @@ TRIALS: tuple[Column, ...] = (
     _column("cost_usd", _NUMBER, "of the model; null: not known or no model", "USD"),
     _column("latency_s", _NUMBER, "waited for the model; differs in a rerun with one", "s"),
     *(
-        _column(f"drawn_{name}", _NUMBER, f"{q.meaning}: drawn, or nominal", _unit_of(q.unit))
+        _column(f"drawn_{name}", _NUMBER, f"{q.meaning}: drawn, or nominal", q.si_unit)
         for name, q in QUANTITIES.items()
     ),
 )

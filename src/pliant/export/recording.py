@@ -24,8 +24,8 @@ from pliant.pose import Axis, Pose, describe
 from pliant.records import Execution, Trial
 from pliant.sim import model as m
 from pliant.sim import replay
-from pliant.sim.cell import apply
 from pliant.sim.model import SPRINGS
+from pliant.sim.setup import apply, place
 from pliant.store import load_trial
 
 TIMELINE = "robot_time"
@@ -88,7 +88,8 @@ class _Log:
         """Bodies once, then where they are at every sample."""
         rr, sampled = self._rr, self._track
         model = m.build(self._trial.task)
-        apply(model, sampled.trajectory.setup)
+        setup = sampled.trajectory.setup
+        apply(model, setup)
         data = mujoco.MjData(model)
         parts = solids(model)
         self._still("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
@@ -100,7 +101,8 @@ class _Log:
             )
             self._still(f"world/{part.name}", mesh)
         positions, turns, springs = [], [], []
-        for qpos in sampled.trajectory.qpos:
+        for time_s, qpos in zip(sampled.trajectory.time_s, sampled.trajectory.qpos, strict=True):
+            place(model, setup, float(time_s))
             data.qpos[:] = qpos
             mujoco.mj_kinematics(model, data)
             positions.append(data.xpos.copy())

@@ -12,7 +12,7 @@ from pliant.report import words
 from pliant.report.charts import Bar, Bin, histogram
 from pliant.report.document import document
 from pliant.report.html import Html, join, tag
-from pliant.report.overview_data import data, heading, in_report, quantities
+from pliant.report.overview_data import data, heading, in_report, quantities, varying
 from pliant.report.parts import chapter, facts, notice
 from pliant.report.summary import Summary
 
@@ -87,7 +87,7 @@ def _where(trials: Sequence[Row]) -> Html:
     rows = []
     for reasoner in dict.fromkeys(t["reasoner"] for t in trials):
         own = [t for t in trials if t["reasoner"] == reasoner]
-        panels = [_panel(own, reasoner, column) for column in quantities()]
+        panels = [_panel(own, reasoner, column) for column in varying(own)]
         shown = [panel for panel in panels if panel]
         if shown:
             rows.append(join(tag("h3", reasoner), tag("div", *shown, class_="panels")))

@@ -40,11 +40,19 @@ def in_report(axis: Axis | None, value: float) -> float:
     return round(value if axis is None else axis.to_report(value), 3) + 0.0
 
 
+def varying(trials: Sequence[Row]) -> dict[str, Axis | None]:
+    """The quantities that differ between the trials; a run of before a quantity has none of it."""
+    return {
+        name: axis
+        for name, axis in quantities().items()
+        if len({trial.get(name) for trial in trials}) > 1
+    }
+
+
 def heading(column: str) -> str:
     """A drawn quantity's name with its unit."""
-    axis = quantities()[column]
-    unit = "factor" if axis is None else axis.report_unit.replace("deg", "°")
-    return f"{words.drawn(column.removeprefix(_DRAWN), 0.0)[0]} [{unit}]"
+    name = column.removeprefix(_DRAWN)
+    return f"{words.drawn(name, 0.0)[0]} [{words.drawn_unit(name)}]"
 
 
 def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
@@ -66,7 +74,7 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
         "executions": [t["executions"] for t in trials],
         **{
             name: [_rounded(in_report(axis, t[name])) for t in trials]
-            for name, axis in quantities().items()
+            for name, axis in varying(trials).items()
         },
     }
     if any(t.get("decisions") for t in trials):
@@ -84,7 +92,7 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
         "ends": [plain(end) for end in ends],
         "kinds": [kind.replace("_", " ") for kind in kinds],
         "kindNames": kinds,
-        "quantities": {name: heading(name) for name in quantities()},
+        "quantities": {name: heading(name) for name in varying(trials)},
         "columns": columns,
         "pages": {
             n: f"{FOLDER}/{quote(t['trial_id'])}/{PAGE}"

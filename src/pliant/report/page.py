@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from pliant.conditions import NOMINAL, PAPER_RANGES
 from pliant.records import Recovery, Trial, Verdict
 from pliant.report import timeline, words
 from pliant.report.card import Media, card
@@ -63,7 +64,11 @@ def _headline(trial: Trial, title: str) -> Html:
         ("trial", trial.trial_id),
         *_model_calls(trial),
     ]
-    drawn = [words.drawn(name, value) for name, value in trial.drawn.items()]
+    drawn = [
+        words.drawn(name, value)
+        for name, value in trial.drawn.items()
+        if name in PAPER_RANGES or value != NOMINAL[name]
+    ]
     return tag(
         "header",
         tag("div", tag("h1", title), badge(words.end(trial), trial.judged), class_="title"),

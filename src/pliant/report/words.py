@@ -3,6 +3,7 @@
 import math
 
 from pliant.cell import Truth
+from pliant.conditions import QUANTITIES
 from pliant.formations import Step
 from pliant.pose import Axis, Partial
 from pliant.records import End, Trial
@@ -19,7 +20,11 @@ _DRAWN = {
     "friction": "friction of the hole",
     "hole_y": "hole's place y",
     "grasp_roll": "grasp angle",
+    "looks": "random looks",
+    "stale": "stale pictures",
+    "misread": "misread hole",
 }
+_FACTORS = ("friction", "wrist_stiffness")
 
 
 def number(value: float, digits: int = 1, *, sign: bool = False) -> str:
@@ -64,11 +69,20 @@ def end(trial: Trial) -> str:
 
 def drawn(name: str, value: float) -> tuple[str, str]:
     """A drawn quantity's name and value."""
-    words = _DRAWN.get(name, name.replace("_", " "))
-    kind = name.rpartition("_")[2]
-    if kind in list(Axis):
-        return words, in_units(Axis(kind), value)
-    return words, f"× {number(value, 2)}"
+    words, known = _DRAWN.get(name, name.replace("_", " ")), QUANTITIES[name]
+    if known.unit is not None:
+        return words, in_units(known.unit, value)
+    if name in _FACTORS:
+        return words, f"× {number(value, 2)}"
+    return words, f"{number(value, 2)} {known.symbol}".rstrip()
+
+
+def drawn_unit(name: str) -> str:
+    """A drawn quantity's unit, in a heading."""
+    known = QUANTITIES[name]
+    if known.unit is not None:
+        return known.unit.report_unit.replace("deg", "°")
+    return "factor" if name in _FACTORS else known.symbol or "share"
 
 
 def truth(now: Truth) -> list[tuple[str, str]]:

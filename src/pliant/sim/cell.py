@@ -11,14 +11,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.cell import Motion, Observation, Stop, Trace, Truth
+from pliant.cell import Motion, Observation, Stop, Trace, Truth, View
 from pliant.conditions import Setup
-from pliant.pose import Pose, angles_from, pose_from, rotation_matrix
+from pliant.pose import Pose, angles_from, pose_from
 from pliant.sim import constants as c
 from pliant.sim import model as m
 from pliant.sim.arm import HOME_GUESS, Arm, Profile
 from pliant.sim.board import contains, hole_outline
 from pliant.sim.render import Cameras
+from pliant.sim.sensor import Sensor
+from pliant.sim.setup import apply, is_moving, place
 from pliant.task import Task
 
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
@@ -36,20 +38,6 @@ class Trajectory:
     time_s: NDArray[np.float64]  # (n,)
     qpos: NDArray[np.float32]  # (n, nq)
     setup: Setup
-
-
-def apply(model: mujoco.MjModel, setup: Setup) -> None:
-    """Put into a compiled model what a trial randomises."""
-    grasp, turned = np.zeros(4), np.zeros(4)
-    mujoco.mju_mat2Quat(grasp, rotation_matrix(setup.grasp_roll, setup.grasp_pitch, 0.0).ravel())
-    mujoco.mju_mat2Quat(turned, rotation_matrix(0.0, 0.0, setup.board_yaw).ravel())
-    model.body(m.PEG).quat[:] = grasp
-    board = model.body(m.BOARD)
-    board.pos[:] = [setup.hole_x, setup.hole_y, setup.board_z]
-    board.quat[:] = turned
-    first = int(board.geomadr[0])
-    geoms = slice(first, first + int(board.geomnum[0]))
-    model.geom_friction[geoms, 0] = c.FRICTION[0] * setup.friction
 
 
 class SimCell:
@@ -89,7 +77,7 @@ class SimCell:
             tip=(float(tip[0]), float(tip[1]), float(tip[2])),
             tilt_rad=angles_from(board.T @ rotation)[0],
             hole_y=float(hole[1]),
-            compression_m=robot.compression(),
+            compression_m=robot.pressed(),
             fit=bool(low[2] < hole[2] - 0.001) and near,
         )
 
@@ -144,6 +132,9 @@ class SimRobot:
         self.tip_site = self.model.site(m.TIP_SITE).id
         self.peg_body, self.board_body = self.model.body(m.PEG).id, self.model.body(m.BOARD).id
         self._free_hang = 0.0
+        self._sensor = Sensor(self.setup, 0.0)
+        self._stale = self.setup.stream("stale")
+        self._last: dict[str, View] = {}  # picture of each camera
         self._sag = np.zeros(len(self.arm.qpos))  # [rad] set points less joint angles, at rest
         self._controls = 0
         self._commanded = Pose(z=task.tip_below_hinge + c.HOME_ABOVE_BOARD)
@@ -174,6 +165,9 @@ class SimRobot:
         self.frames = []
         self._controls = 0
         self._sag = self._home - data.qpos[self.arm.qpos]
+        self.cameras.dress(setup)
+        self._sensor = Sensor(setup, float(data.qpos[self._slide]))
+        self._stale, self._last = setup.stream("stale"), {}
         self.tare()
         self._keep_frame()
 
@@ -196,7 +190,7 @@ class SimRobot:
         ticks = max(1, math.ceil(profile.duration / c.CONTROL_PERIOD))
         fractions = profile.fractions(np.arange(1.0, ticks + 1.0) * c.CONTROL_PERIOD)
         path = _along(waypoints, fractions)
-        return self._follow(path, pose, stop_at_compression_m, self.compression())
+        return self._follow(path, pose, stop_at_compression_m, self._watched())
 
     def stream_to(
         self, pose: Pose, *, seconds: float, stop_at_compression_m: float, floor_m: float
@@ -209,7 +203,7 @@ class SimRobot:
         target = self.arm.solve(pose.position(), pose.rotation(), self._q, _STREAM_TOLERANCE)
         ticks = max(1, round(seconds / c.CONTROL_PERIOD))
         path = self._q + np.arange(1, ticks + 1)[:, None] / ticks * (target - self._q)
-        return self._follow(path, pose, stop_at_compression_m, min(floor_m, self.compression()))
+        return self._follow(path, pose, stop_at_compression_m, min(floor_m, self._watched()))
 
     def settle(self, seconds: float) -> None:
         for _ in range(round(seconds / c.CONTROL_PERIOD)):
@@ -228,8 +222,15 @@ class SimRobot:
             time_s=time_s,
             pose=self.pose(),
             compression_m=self.compression(),
-            views={name: self.cameras.view(name, self.data, time_s) for name in cameras},
+            views={name: self._view(name, time_s) for name in cameras},
         )
+
+    def _view(self, camera: str, time_s: float) -> View:
+        """A picture now, or the one before with its old time stamp."""
+        is_stale = self._stale.uniform() < self.setup.stale
+        if not (is_stale and camera in self._last):
+            self._last[camera] = self.cameras.view(camera, self.data, time_s)
+        return self._last[camera]
 
     def halt(self) -> None:
         """Hold where the joints are: their angles plus the servos' error under the tool's weight,
@@ -251,8 +252,16 @@ class SimRobot:
         return self._commanded
 
     def compression(self) -> float:
-        """Of the wrist along its axis, from free hang [m]."""
+        """Of the wrist along its axis, from free hang [m], as it is read."""
+        return float(self.data.qpos[self._slide]) + self._sensor.noise - self._free_hang
+
+    def pressed(self) -> float:
+        """What `compression` would be without noise: the experiment's side [m]."""
         return float(self.data.qpos[self._slide]) - self._free_hang
+
+    def _watched(self) -> float:
+        """The compression on which a motion's limit is watched [m]."""
+        return self._sensor.watched(float(self.data.qpos[self._slide])) - self._free_hang
 
     # --- inside ----------------------------------------------------------------------------------
 
@@ -264,23 +273,24 @@ class SimRobot:
         """Hold each row of `path` (ticks, 6) [rad], which ends at `pose`, for one control period;
         `limit` and `floor`, the least compression so far, are in metres."""
         started = self.clock()
-        peak = self.compression()
+        peak = self._watched()
         stop = Stop.REACHED
         samples = _Samples()
         ticks = len(path)
         for k in range(ticks):
             self.data.ctrl[:] = path[k]
             self._control()
-            compression = self.compression()
-            peak = max(peak, compression)
-            floor = min(floor, compression)
+            watched = self._watched()
+            peak = max(peak, watched)
+            floor = min(floor, watched)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
-                self._sample(samples, compression)
-            if compression > max(limit, floor + _UNLOADING):
+                self._sample(samples, self.compression())
+            if watched > max(limit, floor + _UNLOADING + self._sensor.margin):
                 stop = Stop.COMPRESSION
                 break
         if stop is Stop.COMPRESSION:
             self.halt()
+            self.settle(self._sensor.delay_s)
         else:
             self._commanded, self._q = pose, path[-1]
         return Motion(
@@ -301,7 +311,14 @@ class SimRobot:
         return max(line, self.task.tip_below_hinge * math.acos(max(-1.0, min(1.0, cosine))))
 
     def _control(self) -> None:
-        mujoco.mj_step(self.model, self.data, _STEPS_PER_CONTROL)
+        model, data = self.model, self.data
+        if is_moving(self.setup, self.clock()):
+            for _ in range(_STEPS_PER_CONTROL):
+                place(model, self.setup, self.clock() + c.TIMESTEP)
+                mujoco.mj_step(model, data)
+        else:
+            mujoco.mj_step(model, data, _STEPS_PER_CONTROL)
+        self._sensor.read(float(data.qpos[self._slide]))
         self._controls += 1
         if self._controls % _CONTROLS_PER_FRAME == 0:
             self._keep_frame()

@@ -39,6 +39,7 @@ HOME_ABOVE_BOARD: Final = 0.06  # [m] of the peg's tip, before a trial [OWN]
 # Looks. -------------------------------------------------------------------------------------------
 PEG_RGBA: Final[Rgba] = (0.0, 0.7, 0.7, 1.0)  # cyan [F24], [PAP] Sec. V-A
 BLOCK_RGBA: Final[Rgba] = (0.75, 0.05, 0.05, 1.0)  # red [F24], [PAP] Sec. V-A
+CAMERAS: Final = ("side", "front", "oblique", "wide")
 IMAGE_SIZE: Final = (640, 480)  # [px] [OWN]
 SIDE_CAMERA_DISTANCE: Final = 1.2  # [m] from the hole's axis along +x [OWN]
 SIDE_CAMERA_HEIGHT: Final = 0.0  # [m]: at the board's surface, which it sees edge on [OWN]

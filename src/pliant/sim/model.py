@@ -14,6 +14,7 @@ from pliant.sim import constants as c
 from pliant.sim.assets import UR5E, menagerie_file
 from pliant.sim.board import area, convex_pieces, hole_prisms
 from pliant.sim.gripper import closed_on
+from pliant.sim.looks import add_textures
 from pliant.task import BLOCK_SIZE, Peg, Task
 
 ARM_JOINTS = (
@@ -27,6 +28,7 @@ ARM_JOINTS = (
 HINGE_SITE = "hinge"  # on the arm: the hinge point with the wrist unsprung
 TIP_SITE = "tip"  # centre of the peg's bottom face
 BOARD, PEG, WRIST = "board", "peg", "wrist"
+GRASP, WRIST_STIFFNESS = "grasp", "wrist_stiffness"  # what a trial's setup changes, as it was built
 SPRINGS = 3
 _BLACK, _STEEL = [0.12, 0.12, 0.13, 1], [0.75, 0.77, 0.8, 1]
 _HOLE_BITS, _PEG_BITS = (2, 4), (4, 2)  # contype, conaffinity: only peg and fingers meet the board
@@ -70,6 +72,7 @@ def build(task: Task) -> mujoco.MjModel:
     _peg(spec, hinge, task)
     _board(spec, task)
     _surroundings(spec)
+    add_textures(spec)
     return spec.compile()
 
 
@@ -141,6 +144,7 @@ def _soft_wrist(spec: mujoco.MjSpec, task: Task) -> mujoco.MjsBody:
         joint.damping = [dof.damping, 0.0, 0.0]
         joint.armature = 0.0
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+    spec.add_numeric(name=WRIST_STIFFNESS, data=[axis.stiffness for axis in wrist_axes(task)])
     for k in range(SPRINGS):
         angle = math.tau * k / SPRINGS + math.pi / 2
         x, y = 0.026 * math.cos(angle), 0.026 * math.sin(angle)
@@ -212,7 +216,9 @@ def _contact(contype: int, conaffinity: int) -> dict[str, object]:
 def _peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
     """The peg, fixed in the grasp at an angle that a trial sets through `body_quat`."""
     peg = task.peg
-    body = wrist.add_body(name=PEG, pos=[0, 0, -task.grasp_below_hinge])
+    grasp = [0.0, 0.0, -task.grasp_below_hinge]
+    body = wrist.add_body(name=PEG, pos=grasp)
+    spec.add_numeric(name=GRASP, data=grasp)
     half = peg.length / 2
     center = [0, 0, task.peg_top_above_grasp - half]
     contype, conaffinity = _PEG_BITS

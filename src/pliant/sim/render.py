@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Camera, View
+from pliant.conditions import Setup
 from pliant.errors import InputError, unknown
 from pliant.sim import constants as c
+from pliant.sim import looks
 from pliant.sim.gl import INSTALL
 from pliant.sim.model import SPRINGS
 
-CAMERAS = ("side", "front", "oblique", "wide")
+CAMERAS = c.CAMERAS
 _COILS, _SEGMENTS_PER_COIL, _COIL_RADIUS, _WIRE_RADIUS = 5, 10, 0.0065, 0.0011
 _SPRING_RGBA = np.array([0.85, 0.65, 0.15, 1.0], np.float32)
 
@@ -32,18 +34,26 @@ class Cameras:
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = 0
         self._calibrations = {name: _calibration(model, name) for name in CAMERAS}
+        self.dress(Setup(seed=0))
+
+    def dress(self, setup: Setup) -> None:
+        """Let everything look as a trial's setup says, from the next picture on."""
+        self._setup, self._looks = setup, looks.looks_of(setup)
 
     def view(self, name: str, data: mujoco.MjData, time_s: float) -> View:
-        """A picture now.
+        """A picture now, with the camera's nominal calibration.
 
         Raises:
             InputError: no camera has that name, or there is no OpenGL.
         """
         if name not in self._calibrations:
             raise unknown("camera", name, CAMERAS)
-        return View(camera=self._calibrations[name], time_s=time_s, image=self.image(name, data))
+        random = self._setup.stream(f"noise of {name} at {time_s:.3f} s")
+        image = looks.noisy(self._looks, self.image(name, data), random)
+        return View(camera=self._calibrations[name], time_s=time_s, image=image)
 
     def image(self, name: str, data: mujoco.MjData) -> NDArray[np.uint8]:  # (height, width, 3)
+        """What the camera sees, without noise."""
         renderer = self._ready()
         renderer.update_scene(data, camera=name, scene_option=self._options)
         scene = renderer.scene
@@ -52,6 +62,7 @@ class Cameras:
         for k in range(SPRINGS):
             top, bottom = data.site(f"spring{k}_top").xpos, data.site(f"spring{k}_bottom").xpos
             _draw_spring(scene, bottom, top)
+        looks.dress(self._looks, scene, self._model, name)
         return renderer.render().copy()
 
     def close(self) -> None:

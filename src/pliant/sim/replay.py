@@ -20,8 +20,9 @@ from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.sim import constants as c
 from pliant.sim import model as m
-from pliant.sim.cell import Trajectory, apply
+from pliant.sim.cell import Trajectory
 from pliant.sim.render import Cameras
+from pliant.sim.setup import apply, place
 from pliant.task import Task
 
 FILE = "trajectory.npz"
@@ -96,12 +97,14 @@ class Replay:
         self._data = mujoco.MjData(self._model)
         self._slide = int(self._model.joint("wrist_z").qposadr[0])
         self.cameras = Cameras(self._model, enlarged=_ENLARGED)
+        self.cameras.dress(trajectory.setup)
 
     def __len__(self) -> int:
         return len(self.trajectory.time_s)
 
     def image(self, camera: str, index: int) -> NDArray[np.uint8]:  # (height, width, 3) RGB
         """What `camera` sees at the trajectory's sample `index`."""
+        place(self._model, self.trajectory.setup, float(self.trajectory.time_s[index]))
         self._data.qpos[:] = self.trajectory.qpos[index]
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)

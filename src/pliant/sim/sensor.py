@@ -1,0 +1,38 @@
+"""How the simulated robot reads its wrist: exactly, or with noise that a filter then takes out of
+what the compression limit is watched on, as a real controller's does.
+
+The filter lags by 30 ms: at 50 mm/s a limit is then passed by 1.5 mm before it is noticed.
+"""
+
+import math
+
+from pliant.conditions import Setup
+from pliant.sim import constants as c
+
+_FILTER_S = 0.030  # of the first-order low pass
+_SHARE = -math.expm1(-c.CONTROL_PERIOD / _FILTER_S)  # of a new reading
+_CAUGHT_UP_S = 4 * _FILTER_S
+_DEVIATIONS = 4.0  # of the filtered noise
+
+
+class Sensor:
+    """The wrist's slide [m], read once in every control period."""
+
+    def __init__(self, setup: Setup, slide: float) -> None:
+        self._sd = setup.compression_noise
+        self._random = setup.stream("compression_noise")
+        self._filtered = slide
+        self.noise = 0.0  # of the last reading
+        # How far the filtered value strays by itself.
+        self.margin = _DEVIATIONS * self._sd * math.sqrt(_SHARE / (2.0 - _SHARE))
+        self.delay_s = _CAUGHT_UP_S if self._sd else 0.0  # until it has caught up after a stop
+
+    def read(self, slide: float) -> None:
+        """Take a reading of the slide, which is truly there."""
+        if self._sd:
+            self.noise = self._sd * float(self._random.standard_normal())
+            self._filtered += _SHARE * (slide + self.noise - self._filtered)
+
+    def watched(self, slide: float) -> float:
+        """Where the controller takes the slide to be: filtered, or exactly there without noise."""
+        return self._filtered if self._sd else slide
