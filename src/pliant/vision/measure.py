@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Camera, View
-from pliant.task import BLOCK_SIZE, Task
+from pliant.task import BLOCK_SIZE, Peg, Task
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, Scene
 
 Hsv = tuple[int, int, int]
@@ -187,15 +187,15 @@ def _peg(
     relative = contour - middle
     near_axis = np.abs(relative @ across) < 0.3 * abs((right_point - left_point) @ across) / 2
     top_px = middle + np.max((relative @ axis)[near_axis]) * axis
-    _, top_z = camera.on_plane_x(float(top_px[0]), float(top_px[1]), task.peg.half_extents[0])
+    near_x = task.peg.front(0.3 * task.peg.half_extents[1])
+    _, top_z = camera.on_plane_x(float(top_px[0]), float(top_px[1]), near_x)
     # Its place along y: where the axis, measured on the silhouette's plane, reaches that height.
-    y0, z0 = between(camera, left_point, right_point, task.peg.silhouette_x)
+    y0, z0 = axis_between(camera, left_point, right_point, tilt, task.peg)
     lean = math.tan(tilt)
     tip_z = top_z - task.peg.length * math.cos(tilt)
     tip_y = y0 - (tip_z - z0) * lean
 
-    half = task.peg.half_extents[1]
-    dy, dz = half * math.cos(tilt), half * math.sin(tilt)
+    (left, _), (right, _) = task.peg.silhouette()
     mpp = camera.metres_per_pixel(task.peg.silhouette_x)
     full_px = task.peg.length / mpp
     tilt_sd = _TILT_SD * (full_px / visible_px) ** 1.5
@@ -208,25 +208,25 @@ def _peg(
         tilt=Measured(value=tilt, sd=tilt_sd),
         tip_y=Measured(value=tip_y, sd=math.hypot(_PIXEL_SD * mpp, middle_to_tip * tilt_sd)),
         tip_z=Measured(value=tip_z, sd=_PIXEL_SD * mpp * 1.5),
-        left_y=tip_y - dy,
-        left_z=tip_z - dz,
-        right_y=tip_y + dy,
-        right_z=tip_z + dz,
+        left_y=tip_y + left * math.cos(tilt),
+        left_z=tip_z + left * math.sin(tilt),
+        right_y=tip_y + right * math.cos(tilt),
+        right_z=tip_z + right * math.sin(tilt),
     )
 
 
-def between(
-    camera: Camera, left: Points, right: Points, near: float
+def axis_between(
+    camera: Camera, left: Points, right: Points, tilt: float, peg: Peg, yaw: float = 0.0
 ) -> tuple[float, float]:  # (y, z) [m]
-    """Halfway between a point on the left and one on the right edge. An edge on the camera's own
-    side of the optical axis is the silhouette of the peg's far face, at -`near`."""
-    y_left, z_left = camera.on_plane_x(
-        left[0], left[1], near if left[0] < camera.width / 2 else -near
-    )
-    y_right, z_right = camera.on_plane_x(
-        right[0], right[1], near if right[0] > camera.width / 2 else -near
-    )
-    return (y_left + y_right) / 2, (z_left + z_right) / 2
+    """A point on the axis of the peg that is turned by `yaw` and leans by `tilt` [rad] to the left,
+    from a pixel on its left and one on its right edge."""
+    slopes = [(point[0] - camera.width / 2) / camera.focal_px for point in (left, right)]
+    (left_y, left_x), (right_y, right_x) = peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
+    y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
+    y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
+    off = (left_y + right_y) / 2  # of the middle from the axis
+    y, z = (y_left + y_right) / 2, (z_left + z_right) / 2
+    return y - off * math.cos(tilt), z - off * math.sin(tilt)
 
 
 def long_edges(

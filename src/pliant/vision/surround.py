@@ -19,7 +19,7 @@ from pliant.vision.least_squares import Unknown, minimise
 from pliant.vision.measure import (
     SIMULATED,
     Colours,
-    between,
+    axis_between,
     box_around,
     largest_contour,
     long_edges,
@@ -74,8 +74,7 @@ def _across(
         return Across(tip_x=None, pitch=None, hole_x=hole_x)
     (left, left_tilt), (right, right_tilt), _ = edges
     tilt = (left_tilt + right_tilt) / 2
-    near = 0.0 if task.peg.radius is not None else task.peg.half_extents[1]
-    y, z = between(camera, left, right, near)
+    y, z = axis_between(camera, left, right, tilt, task.peg, -math.pi / 2)
     tip = y - (beside.tip_z.value - z) * math.tan(tilt)
     return Across(
         tip_x=Measured(value=-tip, sd=_PLACE_SD),
