@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,10 @@ from pliant.sim.constants import ROUND_HOLE_SIDES
 from pliant.task import BLOCK_SIZE, Hole, Peg
 
 Polygon = NDArray[np.float64]  # (n, 2) [m], counter-clockwise around (0, 0)
+Corners = NDArray[np.float64]  # (n, 3) [m]
 
 _STRAIGHT = 1e-12  # [m2]: corners that bend less lie on a line
+_FLAT = 1e-9  # [m]: vertices within it lie on a plane
 
 
 @lru_cache(maxsize=16)
@@ -63,6 +66,46 @@ def contains(outline: Polygon, point: Sequence[float]) -> bool:
         and (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
         for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True)
     )
+
+
+def flat_mesh(faces: list[Corners]) -> tuple[Corners, NDArray[np.int32]]:
+    """Vertices and triangles of a solid with these faces, no vertex shared between two of them:
+    MuJoCo shades it flat, where it rounds off the edges of a hull that it makes itself."""
+    triangles, first = [], 0
+    for face in faces:
+        triangles += [(first, first + i, first + i + 1) for i in range(1, len(face) - 1)]
+        first += len(face)
+    return np.vstack(faces), np.array(triangles, np.int32)
+
+
+def prism_faces(polygon: Polygon, half: float) -> list[Corners]:
+    """Those of a convex polygon times 2 `half` [m], each counter-clockwise from outside."""
+    top = np.column_stack([polygon, np.full(len(polygon), half)])
+    bottom = top * (1, 1, -1)
+    n = len(polygon)
+    sides = [np.array([bottom[i - 1], bottom[i], top[i], top[i - 1]]) for i in range(n)]
+    return [top, bottom[::-1], *sides]
+
+
+def hull_faces(vertices: Corners) -> list[Corners]:
+    """Those of the convex hull of a few vertices, each counter-clockwise from outside."""
+    triples = np.array(list(combinations(range(len(vertices)), 3)))
+    a, b, c = (vertices[triples[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    sizes = np.linalg.norm(normals, axis=1)
+    keep = sizes > _STRAIGHT
+    normals, a = normals[keep] / sizes[keep, None], a[keep]
+    normals, a = np.vstack([normals, -normals]), np.vstack([a, a])
+    heights = normals @ vertices.T - np.sum(normals * a, axis=1, keepdims=True)
+    faces: dict[tuple[int, ...], Corners] = {}
+    for normal, height in zip(normals, heights, strict=True):
+        on = np.flatnonzero(height > -_FLAT)
+        if np.max(height) > _FLAT or tuple(on) in faces:
+            continue
+        spread = vertices[on] - vertices[on].mean(axis=0)
+        angles = np.arctan2(spread @ np.cross(normal, spread[0]), spread @ spread[0])
+        faces[tuple(on)] = vertices[on[np.argsort(angles)]]
+    return list(faces.values())
 
 
 def area(polygon: Polygon) -> float:

@@ -12,7 +12,14 @@ import numpy as np
 from pliant.pose import Axis
 from pliant.sim import constants as c
 from pliant.sim.assets import UR5E, menagerie_file
-from pliant.sim.board import area, convex_pieces, hole_prisms
+from pliant.sim.board import (
+    area,
+    convex_pieces,
+    flat_mesh,
+    hole_prisms,
+    hull_faces,
+    prism_faces,
+)
 from pliant.sim.gripper import closed_on
 from pliant.sim.looks import add_textures
 from pliant.task import BLOCK_SIZE, Peg, Task
@@ -247,8 +254,7 @@ def _peg_shapes(spec: mujoco.MjSpec, peg: Peg) -> list[tuple[dict[str, object], 
     shapes: list[dict[str, object]] = []
     for i, piece in enumerate(pieces):
         name = f"{PEG}{i}" if i else PEG
-        vertices = [(x, y, z) for x, y in piece for z in (-half, half)]
-        spec.add_mesh(name=name, uservert=np.array(vertices).ravel())
+        _add_flat(spec, name, prism_faces(piece, half))
         shapes.append({"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": name})
     return list(zip(shapes, (areas / areas.sum()).tolist(), strict=True))
 
@@ -264,7 +270,10 @@ def _board(spec: mujoco.MjSpec, task: Task) -> None:
     board = spec.worldbody.add_body(name=BOARD)
     contype, conaffinity = _HOLE_BITS
     for i, vertices in enumerate(hole_prisms(task.peg, task.hole)):
-        spec.add_mesh(name=f"board{i}", uservert=vertices.ravel())
+        if task.peg.radius is not None or _is_rectangle(np.array(task.peg.outline)):
+            spec.add_mesh(name=f"board{i}", uservert=vertices.ravel())
+        else:
+            _add_flat(spec, f"board{i}", hull_faces(vertices))
         board.add_geom(
             name=f"board{i}",
             type=mujoco.mjtGeom.mjGEOM_MESH,
@@ -272,6 +281,11 @@ def _board(spec: mujoco.MjSpec, task: Task) -> None:
             rgba=list(c.BLOCK_RGBA),
             **_contact(contype, conaffinity),
         )
+
+
+def _add_flat(spec: mujoco.MjSpec, name: str, faces: list[np.ndarray]) -> None:
+    vertices, triangles = flat_mesh(faces)
+    spec.add_mesh(name=name, uservert=vertices.ravel(), userface=triangles.ravel())
 
 
 def _surroundings(spec: mujoco.MjSpec) -> None:
