@@ -82,6 +82,14 @@ def test_a_peg_file_is_read_in_millimetres(peg_file: WritePeg) -> None:
     assert (task.hole.clearance, task.hole.chamfer) == pytest.approx((0.001, 0.002))
 
 
+def test_a_polygons_corners_are_read_in_millimetres(peg_file: WritePeg) -> None:
+    text = "shape: polygon\ncorners_mm: [[-10, -12], [15, 0], [-10, 12.0]]\nlength_mm: 80\n"
+    task = load_task(peg_file(text + "clearance_mm: 0.4\n"))
+    assert task.peg.outline == ((-0.01, -0.012), (0.015, 0.0), (-0.01, 0.012))
+    assert (task.peg.length, task.hole.clearance) == pytest.approx((0.08, 0.0004))
+    assert task.peg.half_extents == pytest.approx((0.015, 0.012))
+
+
 def test_an_unknown_peg_lists_the_valid_ones() -> None:
     message = refused(lambda: load_task("star"))
     assert message.startswith("unknown peg 'star': valid are circle, d_shape, hexagon, keyed")
@@ -114,6 +122,11 @@ def test_a_missing_peg_file_is_named() -> None:
         ("shape: circle\ndiameter_mm: 40\ncolour: red", "unknown field 'colour'"),
         ("shape: star\n", "unknown shape 'star': valid are circle, rectangle, polygon"),
         ("diameter_mm: 40", "unknown shape 'None'"),
+        ("shape: polygon", "corners_mm is None; it must be a list of corners [x, y]"),
+        ("shape: polygon\ncorners_mm: [[0, 1], [2]]", "corners_mm holds [2]"),
+        ("shape: polygon\ncorners_mm: [[0, 1], [2, three]]", "corners_mm holds [2, 'three']"),
+        ("shape: polygon\ncorners_mm: [[0, 1], [.nan, 0]]", "corners_mm holds [nan, 0]"),
+        ("shape: polygon\ncorners_mm: []", "corners_mm is []; it must be a list of corners"),
         ("shape: [circle", "is not YAML"),
         ("", "holds no fields"),
     ],

@@ -304,7 +304,7 @@ def _millimetres(data: dict[str, Any], key: str, name: str, default: float | Non
 
 def _corners(data: dict[str, Any], name: str) -> Outline:
     value = data.pop("corners_mm", None)
-    if not isinstance(value, list):
+    if not isinstance(value, list) or not value:
         raise InputError(
             f"peg file '{name}': corners_mm is {value!r}; it must be a list of corners [x, y]"
         )
