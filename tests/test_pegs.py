@@ -215,6 +215,16 @@ def test_a_peg_hangs_free_and_nearly_upright_before_a_trial(peg: str) -> None:
     assert not truth.inserted
 
 
+def test_a_peg_fits_where_the_corner_that_is_ahead_is_in_the_hole_wherever_that_corner_is() -> None:
+    outline = ((0.012, -0.015), (0.02, 0.0), (-0.012, 0.015), (-0.02, 0.0))
+    cell = SimCell()
+    robot = cell.prepare(Task(peg=Peg(name="skew", outline=outline)), Setup(seed=0))
+    lean = math.radians(10)
+    for depth_m, fits in ((0.003, True), (-0.003, False)):
+        stand_peg(robot, tip_y=0.0, tip_z=0.015 * math.sin(lean) - depth_m, lean=lean)
+        assert cell.truth().fit is fits
+
+
 def lowered(cell: SimCell, peg: str, clearance: float) -> SimRobot:
     """A peg let down upright into its hole, with too little friction to stick."""
     task = load_task(peg)

@@ -111,9 +111,12 @@ class SimCell:
 
     @staticmethod
     def _low_corner(task: Task, rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The lowest point of the bottom face in the plane of insertion, from its centre [m]."""
+        """The lowest point of the bottom face in the plane of insertion, from its centre [m]; of an
+        edge that lies across the plane, its middle."""
         half = task.peg.half_extents[1]
-        return np.array([0.0, half if rotation[2, 1] < 0 else -half, 0.0])
+        y = half if rotation[2, 1] < 0 else -half
+        outermost = [a for a, b in task.peg.outline if math.isclose(b, y, abs_tol=1e-4)]
+        return np.array([sum(outermost) / len(outermost) if outermost else 0.0, y, 0.0])
 
 
 class SimRobot:
