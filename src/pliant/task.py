@@ -338,7 +338,8 @@ def _fault(outline: Outline) -> str | None:
         if not cross >= _LEAST_DISTANCE * math.hypot(nx - x, ny - y) > 0:
             return (
                 f"its edge from {_spoken(x, y)} to {_spoken(nx, ny)} mm does not go"
-                " counter-clockwise around the axis at (0, 0), as every edge must"
+                " counter-clockwise around the axis at (0, 0), nowhere nearer to it than"
+                f" {_LEAST_DISTANCE * 1e3:g} mm, as every edge must"
             )
         turning += math.atan2(cross, x * nx + y * ny)
     if not math.isclose(turning, math.tau):
