@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from statistics import median
+from statistics import fmean, median
 
 from pliant.formations import Formation
 from pliant.pose import Pose
@@ -81,6 +81,14 @@ def _mean(belief: Belief, look: Seen, teaching: Teaching, readings: int) -> Beli
     return belief
 
 
+def believed(scene: Scene, belief: Belief) -> Scene:
+    """A measurement with the hole where it is believed to be."""
+    if scene.hole is None or belief.hole_y is None or belief.surface_z is None:
+        return scene
+    hole = replace(scene.hole, y=belief.hole_y, surface_z=belief.surface_z)
+    return replace(scene, hole=hole)
+
+
 # --- soft evidence -------------------------------------------------------------------------------
 
 
@@ -108,15 +116,38 @@ def softly(belief: Belief, look: Seen, teaching: Teaching) -> Belief:
     )
     if free and scene.peg is not None:
         share = hang_share(teaching)
-        tilt = scene.peg.tilt
-        angle = Measured(value=tilt.value - share * look.pose.roll, sd=tilt.sd)
-        upright = Measured(value=look.pose.roll - tilt.value / share, sd=tilt.sd / share)
-        belief = replace(belief, grasp_roll=angle, upright_roll=upright)
-        if scene.across is not None and scene.across.pitch is not None:
-            pitch = scene.across.pitch
-            upright = Measured(value=look.pose.pitch - pitch.value / share, sd=pitch.sd / share)
-            belief = replace(belief, upright_pitch=upright)
+        tilt, pitch = in_hand(look)
+        upright = look.pose.roll - tilt.value / share
+        belief = _swung(belief, "upright_roll", upright, tilt.sd / share)
+        if belief.upright_roll is not None:
+            angle = Measured(value=-share * belief.upright_roll.value, sd=tilt.sd)
+            belief = replace(belief, grasp_roll=angle)
+        if pitch is not None:
+            upright = look.pose.pitch - pitch.value / share
+            belief = _swung(belief, "upright_pitch", upright, pitch.sd / share)
     return belief
+
+
+def _swung(belief: Belief, name: str, reading: float, sd: float) -> Belief:
+    """The mean of the last two readings, which are taken half a swing apart."""
+    kept = (*belief.readings.get(name, ()), reading)[-2:]
+    readings = {**belief.readings, name: kept}
+    value = Measured(value=fmean(kept), sd=sd)
+    return replace(belief, readings=readings, **{name: value})
+
+
+def in_hand(look: Seen) -> tuple[Measured, Measured | None]:
+    """The peg's tilt and, where the front camera saw it, its pitch [rad], about the axes of the
+    hand, which is turned by its yaw from those of the cameras."""
+    peg, across = look.scene.peg, look.scene.across
+    assert peg is not None
+    cos, sin = math.cos(look.pose.yaw), math.sin(look.pose.yaw)
+    y = -math.tan(peg.tilt.value)  # of the peg's axis, where it rises by 1
+    if across is None or across.pitch is None:
+        return replace(peg.tilt, value=-math.atan(y / cos)), None
+    x = math.tan(across.pitch.value)
+    tilt = replace(peg.tilt, value=-math.atan(cos * y - sin * x))
+    return tilt, replace(across.pitch, value=math.atan(cos * x + sin * y))
 
 
 def hang_share(teaching: Teaching) -> float:

@@ -9,6 +9,7 @@ made has no vote, and says why.
 import math
 from collections.abc import Mapping
 
+from pliant.belief import Belief, believed
 from pliant.cell import Stop
 from pliant.formations import OWNED, Formation
 from pliant.pose import Partial, describe
@@ -24,22 +25,21 @@ INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 
 IN_HOLE_DEPTH_M = 0.0003  # metric Fit: the low corner is this far below the board's surface
 RIM_MARGIN_M = 0.0005  # metric Fit: the trailing corner is this far inside the near rim
+UPRIGHT_DEPTH_M = 0.001  # guided Align: the high corner, beyond what is over-read
+ASIDE_M = 0.003  # guided Align: the tip across the plane of insertion
 FAR_WALL_DEPTH_M = 0.0015
 FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 
 
-def check(
-    task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], skills: str = "planar"
-) -> Evidence:
-    """Make every check that the executed formation calls for. With guided skills, Fit is right at
-    the far wall."""
+def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
+    """Make every check that the executed formation calls for."""
     formation = outcome.step.formation
     checks = [pose_check(outcome), compression_check(outcome)]
     if formation in (Formation.FIT, Formation.ALIGN):
         checks.append(table_i(formation, outcome.scene, on_hole_px(outcome)))
     metric = {
-        Formation.FIT: metric_fit if skills == "planar" else metric_far_wall,
+        Formation.FIT: metric_fit,
         Formation.ALIGN: metric_align,
         Formation.INSERTION: metric_insertion,
     }.get(formation)
@@ -47,6 +47,28 @@ def check(
         checks.append(metric(task, outcome.scene))
     if formation is Formation.INSERTION:
         checks.append(goal_picture(outcome.scene, taught.get(formation)))
+    return Evidence(checks=tuple(checks))
+
+
+def check_guided(
+    task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], belief: Belief
+) -> Evidence:
+    """The checks after a guided skill. Its goal is where it went by itself, Fit is right at the far
+    wall, and the metric check takes the hole where it is believed to be, so that one wrong reading
+    fails nothing."""
+    formation, scene = outcome.step.formation, believed(outcome.scene, belief)
+    checks = [pose_check(outcome), compression_check(outcome)]
+    metric = {
+        Formation.FIT: metric_far_wall,
+        Formation.ALIGN: metric_upright,
+        Formation.INSERTION: metric_insertion,
+    }.get(formation)
+    if metric is not None:
+        checks.append(metric(task, scene))
+    if formation in (Formation.FIT, Formation.ALIGN):
+        checks.append(table_i(formation, outcome.scene, on_hole_px(outcome)))
+    if formation is Formation.INSERTION:
+        checks.append(goal_picture(scene, taught.get(formation)))
     return Evidence(checks=tuple(checks))
 
 
@@ -137,8 +159,8 @@ def metric_fit(task: Task, scene: Scene) -> Check:
 
 
 def metric_far_wall(task: Task, scene: Scene) -> Check:
-    """The low corner is in the hole, near its far wall; the trailing corner may stand on the rim,
-    where a tight hole must leave it."""
+    """The low corner is in the hole, near its far wall, while the trailing one stands on the rim,
+    where a tight hole must leave it; or both are in."""
     if scene.peg is None or scene.hole is None:
         return _unmade("metric", scene)
     y, z = low_corner(scene.peg)
@@ -146,7 +168,8 @@ def metric_far_wall(task: Task, scene: Scene) -> Check:
     short = y - (scene.hole.y.value - half_hole(task))
     words = f"low corner {depth * 1e3:.1f} mm deep, {short * 1e3:+.1f} mm from the far wall"
     near = FAR_WALL_M[0] <= short <= FAR_WALL_M[1]
-    return _metric(depth >= FAR_WALL_DEPTH_M and near, words)
+    inside = scene.hole.surface_z.value > max(scene.peg.left_z, scene.peg.right_z)
+    return _metric(depth >= FAR_WALL_DEPTH_M and (near or inside), words)
 
 
 def metric_align(task: Task, scene: Scene) -> Check:
@@ -162,6 +185,20 @@ def metric_align(task: Task, scene: Scene) -> Check:
     )
     inside = abs(offset) <= task.hole.clearance / 2 + 0.0015
     return _metric(inside and abs(tilt) <= TILT_TOLERANCE_DEG and depth > 0.0, words)
+
+
+def metric_upright(task: Task, scene: Scene) -> Check:
+    """As `metric_align`, well below the rim, and across the plane of insertion too."""
+    made = metric_align(task, scene)
+    if made.vote is not True or scene.peg is None or scene.hole is None:
+        return made
+    depth = scene.hole.surface_z.value - max(scene.peg.left_z, scene.peg.right_z)
+    across = scene.across
+    aside = 0.0
+    if across is not None and across.tip_x is not None and across.hole_x is not None:
+        aside = across.tip_x.value - across.hole_x.value
+    words = f"{made.message}, {aside * 1e3:+.1f} mm across"
+    return _metric(depth >= UPRIGHT_DEPTH_M and abs(aside) <= ASIDE_M, words)
 
 
 def metric_insertion(task: Task, scene: Scene) -> Check:

@@ -22,6 +22,10 @@ class Limits:
     goal_step_m: float = 0.045
     goal_step_rad: float = 0.2
 
+    def within(self, pose: Pose) -> Pose:
+        """The pose of the workspace that is nearest on each axis."""
+        return Pose(**{a: min(max(pose[a], self.low[a]), self.high[a]) for a in Axis})
+
     def outside(self, goal: Partial, *, margin: bool = False) -> str | None:
         """Why a goal lies outside the workspace, or None. With `margin`, as for goals: inside it by
         so much that a pose measured at the goal is still within it."""

@@ -5,7 +5,7 @@ shows them as they happen, and an environment drives it step by step.
 """
 
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
@@ -13,17 +13,34 @@ from typing import Protocol
 
 from pliant.belief import Belief, Seen, fold
 from pliant.cell import Robot
-from pliant.checks import check
+from pliant.checks import check, check_guided
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
 from pliant.pose import Pose
-from pliant.records import Aborted, Case, End, Execution, Look, Looking, Outcome, Recovery, Verdict
+from pliant.records import (
+    Aborted,
+    Case,
+    End,
+    Evidence,
+    Execution,
+    Look,
+    Looking,
+    Outcome,
+    Recovery,
+    Verdict,
+)
 from pliant.recovery import Reasoner, admit
+from pliant.skills import PLANAR
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.measure import SIMULATED, Colours
+from pliant.vision.scene import Scene
 from pliant.vision.surround import SIDE, see
+
+
+def _as_it_is(scene: Scene) -> Scene:
+    return scene
 
 
 class Skill(Protocol):
@@ -67,6 +84,7 @@ class Run:
     limits: Limits = field(default_factory=Limits)
     patience: Patience = field(default_factory=Patience)
     colours: Colours = SIMULATED
+    reading: Callable[[Scene], Scene] = _as_it_is  # what of a measurement reaches the method
     end_reason: str = ""
     fault: str = ""
     aborted: Aborted | None = None  # the execution during which the fault happened
@@ -108,14 +126,15 @@ class Run:
             target = goals.target(step.formation)
             before = self._belief(None)
             outcome = self._execute(robot, target, step, before)
+            belief = self._belief(outcome)
             case = Case(
                 task=self.task,
                 teaching=self.teaching,
                 goals=goals,
                 history=tuple(self.history),
                 outcome=outcome,
-                evidence=check(self.task, outcome, self.teaching.scenes, self.skill.name),
-                belief=self._belief(outcome),
+                evidence=self._check(outcome, belief),
+                belief=belief,
                 skills=self.skill.name,
             )
             verdict = self.reasoner.judge(case)
@@ -153,6 +172,11 @@ class Run:
             if self.end_reason:
                 return
 
+    def _check(self, outcome: Outcome, belief: Belief) -> Evidence:
+        if self.skill.name == PLANAR:
+            return check(self.task, outcome, self.teaching.scenes)
+        return check_guided(self.task, outcome, self.teaching.scenes, belief)
+
     def _execute(self, robot: Guarded, target: Pose, step: Step, before: Belief) -> Outcome:
         robot.motions.clear()
         try:
@@ -168,7 +192,14 @@ class Run:
 
     def _look(self, robot: Guarded, cameras: Sequence[str] = (SIDE,)) -> Look:
         observation = robot.observe(cameras)
-        scene = see(observation.views, self.task, self.colours, board_yaw=self._board_yaw)
+        scene = see(
+            observation.views,
+            self.task,
+            self.colours,
+            board_yaw=self._board_yaw,
+            hand_yaw=observation.pose.yaw,
+        )
+        scene = self.reading(scene)
         if scene.board_yaw is not None:
             self._board_yaw = scene.board_yaw.value
         return Look(observation=observation, scene=scene)
@@ -180,4 +211,4 @@ class Run:
             for o in outcomes
             for look in o.looks
         )
-        return fold(seen, self.teaching, soft=self.skill.name == "guided")
+        return fold(seen, self.teaching, soft=self.skill.name != PLANAR)

@@ -31,6 +31,7 @@ def experiment(
     trials: int | None = None,
     first_seed: int | None = None,
     level: str | None = None,
+    skills: str | None = None,
     goals: Path | None = None,
     cell: str = "sim",
     out: Path = Path("runs/experiment"),
@@ -46,13 +47,14 @@ def experiment(
 
     Args:
         file: an experiment file (YAML) with the same fields; options given here replace its own.
-        pegs: shipped pegs or peg files.
+        pegs: shipped pegs or peg files; default circle, or the level's.
         conditions: of none, friction, pose and all.
         reasoners: rules, messages, sweep, retry, none, oracle, vlm, or your own
             (path/to/file.py:Class).
         trials: per cell; default 30.
         first_seed: default 1; seeds pair across cells.
-        level: the rung of the ladder.
+        level: the rung of the ladder, L0 to L8; L0 is the paper's grid.
+        skills: planar (the paper's) or guided; default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
         cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
             and asked how each trial went.
@@ -72,6 +74,7 @@ def experiment(
         "trials": trials,
         "first_seed": first_seed,
         "level": level,
+        "skills": skills,
         "goals": None if goals is None else str(goals),
         "vlm": model.given or None,
     }
@@ -79,7 +82,9 @@ def experiment(
     if file is not None:
         planned = plan.load(file, overrides)
     else:
-        default = {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules"]}
+        default = {"conditions": ["all"], "reasoners": ["rules"]}
+        if level in (None, "L0"):
+            default["pegs"] = ["circle"]
         planned = plan.from_fields(default, overrides)
     planned = replace(planned, where=where(cell))
     is_simulated = planned.where.file is None

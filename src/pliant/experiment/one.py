@@ -9,12 +9,13 @@ from pliant.cell import Truth, Workcell
 from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
+from pliant.experiment.misread import Misreading
 from pliant.experiment.oracle import NAME, Oracle
 from pliant.reasoners import reasoner, vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
-from pliant.skills.planar import Planar
+from pliant.skills import PLANAR, skill_set
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.trial import Patience, Run
@@ -24,13 +25,14 @@ from pliant.vision.measure import SIMULATED, Colours
 @dataclass(frozen=True, kw_only=True)
 class Spec:
     """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`; with
-    `vlm` it is what this model with these settings is called."""
+    `vlm` it is what this model with these settings is called. `skills` is a name of `skills`."""
 
     task: Task
     condition: Condition
     seed: int
     reasoner: str
     vlm: Settings | None = None
+    skills: str = PLANAR
 
     @property
     def trial_id(self) -> str:
@@ -74,10 +76,11 @@ def perform(
             task=spec.task,
             teaching=teaching,
             reasoner=mind,
-            skill=Planar(taught=teaching.goals),
+            skill=skill_set(spec.skills, spec.task, teaching, limits),
             limits=limits,
             patience=Patience(),
             colours=colours,
+            reading=Misreading(setup),
         )
         for execution in run:
             truths.append(cell.truth())
@@ -102,6 +105,7 @@ def perform(
         truths=tuple(truths),
         aborted=aborted,
         cell=cell.kind,
+        skills=spec.skills,
     )
 
 

@@ -40,6 +40,7 @@ from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import SCHEMA
+from pliant.skills import PLANAR, SETS
 from pliant.task import Task, load_task
 from pliant.teaching import Teaching
 
@@ -47,8 +48,8 @@ MOST_TRIALS = 1_000_000
 MOST_SEED = 2**32
 
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
-_FIELDS = (*_BLOCK, "level", "cells", "trials", "first_seed", "goals", "vlm")
-_CELL_FIELDS = (*_BLOCK.values(), "level")
+_FIELDS = (*_BLOCK, "level", "skills", "cells", "trials", "first_seed", "goals", "vlm")
+_CELL_FIELDS = (*_BLOCK.values(), "level", "skills")
 _CANNOT_DECIDE = (
     *("cli", "calibration", "commissioning", "report", "export", "envs", "emulator"),
     *("experiment", "store.py"),
@@ -64,6 +65,7 @@ class Cell:
     condition: Condition
     reasoner: str
     vlm: Settings | None = None
+    skills: str = PLANAR
 
     @property
     def names(self) -> tuple[str, str, str, str]:
@@ -77,6 +79,7 @@ class Cell:
             seed=seed,
             reasoner=self.reasoner,
             vlm=self.vlm,
+            skills=self.skills,
         )
 
 
@@ -154,6 +157,7 @@ class Experiment:
                     "reasoner": c.reasoner,
                     "reasoner_file": _reasoner_file(c.reasoner),
                     "vlm": None if c.vlm is None else asdict(c.vlm),
+                    "skills": c.skills,
                 }
                 for c in self.cells
             ],
@@ -224,7 +228,8 @@ def from_fields(
     for block in blocks:
         block.setdefault("level", given.get("level", "L0"))
         block.update({_BLOCK[k]: v for k, v in replaced.items() if k in _BLOCK})
-        block.update({k: v for k, v in replaced.items() if k == "level"})
+        block.setdefault("skills", given.get("skills"))
+        block.update({k: v for k, v in replaced.items() if k in ("level", "skills")})
     asked = {**_settings(given), **_settings(replaced)}
     cells: list[Cell] = []
     for block in blocks:
@@ -261,16 +266,20 @@ def _settings(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 def _cells(block: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[Cell]:
     """The cross product of a block whose entries are one value or a list of them."""
+    level = load_level(str(block["level"]))
+    block = {"peg": list(level.pegs), **block}
     for single in _BLOCK.values():
         if single not in block or block[single] in ([], None):
             raise InputError(f"a cell lacks its {single}: give one, or a list of them")
     pegs, conditions, reasoners = (_many(block[single]) for single in _BLOCK.values())
-    level = load_level(str(block["level"]))
+    skills = level.skills if block.get("skills") is None else _name("skills", block["skills"])
+    if skills not in SETS:
+        raise unknown("skills", skills, SETS)
     tasks = [load_task(_name("peg", peg), level.name) for peg in pegs]
     drawn = [level.on(parse_condition(entry)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
     for task, drawing, (name, settings) in product(tasks, drawn, minds):
-        yield Cell(task=task, condition=drawing, reasoner=name, vlm=settings)
+        yield Cell(task=task, condition=drawing, reasoner=name, vlm=settings, skills=skills)
 
 
 def _reasoner(entry: Any, asked: Mapping[str, Any]) -> tuple[str, Settings | None]:

@@ -14,6 +14,7 @@ from pliant.cell import Stop
 from pliant.checks import half_hole, low_corner, near_rim
 from pliant.formations import Formation, Step
 from pliant.pose import Axis, describe
+from pliant.reasoners import guided
 from pliant.records import Case, Check, FailureAnalysis, Outcome, Recovery, Verdict
 from pliant.vision.scene import PegSeen
 
@@ -48,6 +49,8 @@ class Rules:
         )
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
+        if case.skills == guided.SKILLS:
+            return guided.recover(case, self.name)
         formation = case.outcome.step.formation
         scene = case.outcome.scene
         if scene.peg is None or scene.hole is None:

@@ -6,8 +6,11 @@ It depends on the setup and the clock alone, so that a stored trial can be drawn
 has no velocity of its own: its walls push the peg, but it does not drag along what stands on it.
 """
 
+import math
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from pliant.conditions import Setup
 from pliant.pose import rotation_matrix
@@ -31,11 +34,10 @@ def apply(model: mujoco.MjModel, setup: Setup, time_s: float = 0.0) -> None:
 def place(model: mujoco.MjModel, setup: Setup, time_s: float) -> None:
     """Put board and peg where they are at `time_s`."""
     struck = _struck(setup, time_s)
-    turned, grasp = np.zeros(4), np.zeros(4)
-    mujoco.mju_mat2Quat(turned, rotation_matrix(0.0, 0.0, setup.board_yaw).ravel())
     roll = setup.grasp_roll + struck * setup.grasp_turn
     along = rotation_matrix(roll, setup.grasp_pitch, 0.0)
-    mujoco.mju_mat2Quat(grasp, along.ravel())
+    grasp = np.zeros(4)
+    mujoco.mju_mulQuat(grasp, _about(setup.grasp_pitch, 2), _about(roll, 1))
     heading, way = setup.board_shift_heading, struck * setup.board_shift
     board, peg = model.body(m.BOARD), model.body(m.PEG)
     board.pos[:] = [
@@ -43,8 +45,15 @@ def place(model: mujoco.MjModel, setup: Setup, time_s: float) -> None:
         setup.hole_y + way * np.sin(heading),
         setup.board_z,
     ]
-    board.quat[:], peg.quat[:] = turned, grasp
+    board.quat[:], peg.quat[:] = _about(setup.board_yaw, 3), grasp
     peg.pos[:] = model.numeric(m.GRASP).data + struck * setup.grasp_slide * along[:, 2]
+
+
+def _about(angle: float, axis: int) -> NDArray[np.float64]:  # (4,)
+    """The quaternion of a turn [rad] about x, y or z (1, 2 or 3)."""
+    quaternion = np.zeros(4)
+    quaternion[0], quaternion[axis] = math.cos(angle / 2), math.sin(angle / 2)
+    return quaternion
 
 
 def is_moving(setup: Setup, time_s: float) -> bool:

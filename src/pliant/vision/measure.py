@@ -35,7 +35,11 @@ class Colours:
 SIMULATED = Colours()
 _LEAST_AREA = 400.0  # [px2] a smaller region is not the peg or the block
 _EDGE_MARGIN = 6.0  # [px] kept clear of corners when lines are fitted
+_FINGERS_M = 0.048  # [m] that the fingers reach below the peg's top
+_BARE = 45.0  # [px] of bare edge that suffice
+_TURNED = math.radians(1)  # a hand at a smaller angle looks as one at none
 _LEAST_EDGE = 15  # points a long edge needs
+_SAMPLED = 40  # of an edge's points, through pairs of which lines are tried
 _HIDDEN = 0.8  # [px] further in than the edge: hidden by something
 _PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
 _SEEN_FROM_ABOVE = 0.001  # [m] so far below the camera, the board's top face is seen
@@ -43,16 +47,24 @@ _TILT_SD = math.radians(0.17)  # [rad] of a fully visible 90 mm peg
 
 
 def measure(
-    view: View, task: Task, colours: Colours = SIMULATED, *, board_yaw: float = 0.0
+    view: View,
+    task: Task,
+    colours: Colours = SIMULATED,
+    *,
+    board_yaw: float = 0.0,
+    hand_yaw: float = 0.0,
 ) -> Scene:
     """Measure the peg and the hole in a side picture. Not found is None, with the reason.
 
-    `board_yaw` [rad] is the board's angle, which a side picture alone does not tell.
+    `board_yaw` and `hand_yaw` [rad] are the angles of board and hand about z, which a side picture
+    alone does not tell.
     """
+    if abs(hand_yaw) < _TURNED:
+        hand_yaw = 0.0
     hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
     problems: list[str] = []
     hole = _hole(hsv, view.camera, colours, board_yaw, problems)
-    peg = _peg(hsv, view.camera, task, hole, colours, problems)
+    peg = _peg(hsv, view.camera, task, hole, colours, hand_yaw, problems)
     return Scene(peg=peg, hole=hole, problems=tuple(problems), time_s=view.time_s)
 
 
@@ -160,6 +172,7 @@ def _peg(
     task: Task,
     hole: HoleSeen | None,
     colours: Colours,
+    hand_yaw: float,
     problems: list[str],
 ) -> PegSeen | None:
     contour = largest_contour(hsv, colours.peg)
@@ -173,7 +186,8 @@ def _peg(
     bottom = sorted(box, key=lambda p: p[1])[2:]
     edge = max(bottom)
 
-    sides = long_edges(contour, center, math.radians(tilt_deg), hole)
+    covered = covered_px(camera) if hand_yaw else 0.0
+    sides = long_edges(contour, center, math.radians(tilt_deg), hole, covered)
     if sides is None:
         problems.append("no peg: its long edges are not visible")
         return None
@@ -187,10 +201,10 @@ def _peg(
     relative = contour - middle
     near_axis = np.abs(relative @ across) < 0.3 * abs((right_point - left_point) @ across) / 2
     top_px = middle + np.max((relative @ axis)[near_axis]) * axis
-    near_x = task.peg.front(0.3 * task.peg.half_extents[1])
+    near_x = task.peg.front(0.3 * task.peg.half_extents[1], hand_yaw)
     _, top_z = camera.on_plane_x(float(top_px[0]), float(top_px[1]), near_x)
     # Its place along y: where the axis, measured on the silhouette's plane, reaches that height.
-    y0, z0 = axis_between(camera, left_point, right_point, tilt, task.peg)
+    y0, z0 = axis_between(camera, left_point, right_point, tilt, task.peg, hand_yaw)
     lean = math.tan(tilt)
     tip_z = top_z - task.peg.length * math.cos(tilt)
     tip_y = y0 - (tip_z - z0) * lean
@@ -229,10 +243,17 @@ def axis_between(
     return y - off * math.cos(tilt), z - off * math.sin(tilt)
 
 
+def covered_px(camera: Camera) -> float:
+    """How far down from its top a turned gripper may hide a peg's edges [px]."""
+    return _FINGERS_M / camera.metres_per_pixel(0.0)
+
+
 def long_edges(
-    contour: Points, center: Pixel, tilt: float, hole: HoleSeen | None
+    contour: Points, center: Pixel, tilt: float, hole: HoleSeen | None, covered: float = 0.0
 ) -> tuple[tuple[Points, float], tuple[Points, float], float] | None:
     """A point and the tilt [rad] of the peg's left and right edge, and their visible length [px].
+    The fingers of a turned hand hide some of an edge, as far as `covered` [px] from the peg's top;
+    what is below is used where it is long enough.
 
     The second pass selects the points again with the first pass's tilt: the rectangle's own tilt is
     off by degrees where the board cuts the peg at an angle.
@@ -256,9 +277,15 @@ def long_edges(
         right = contour[inside & (side > right_at - 0.2 * width)]
         if len(left) < _LEAST_EDGE or len(right) < _LEAST_EDGE:
             return None
+        fit = _outermost_line if covered else _line
+        bare = inside & (along < np.max(along) - covered)
+        if covered and np.any(bare) and np.ptp(contour[bare, 1]) > _BARE:
+            inside, fit = bare, _line
+            left = contour[inside & (side < left_at + 0.2 * width)]
+            right = contour[inside & (side > right_at - 0.2 * width)]
         result = (
-            _line(left, -across),
-            _line(right, across),
+            fit(left, -across),
+            fit(right, across),
             float(np.ptp(left[:, 1]) + np.ptp(right[:, 1])) / 2,
         )
         tilt = (result[0][1] + result[1][1]) / 2
@@ -284,3 +311,18 @@ def _line(points: Points, outward: Points) -> tuple[Points, float]:
             break
         kept = closer
     return np.array([x, y]), math.atan2(-vx, -vy)
+
+
+def _outermost_line(points: Points, outward: Points) -> tuple[Points, float]:
+    """As `_line`, where most of an edge may be hidden: of the lines through two of the points the
+    one that most points lie on and that none lies beyond."""
+    sampled = points[np.argsort(points[:, 1])][:: max(1, len(points) // _SAMPLED)]
+    first, second = np.triu_indices(len(sampled), k=max(2, len(sampled) // 3))
+    along = sampled[second] - sampled[first]
+    normals = np.column_stack([-along[:, 1], along[:, 0]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= np.sign(normals @ outward)[:, None]
+    beyond = points @ normals.T - np.sum(sampled[first] * normals, axis=1)  # (points, lines)
+    score = np.sum(np.abs(beyond) < _HIDDEN, axis=0) - 3 * np.sum(beyond > 2 * _HIDDEN, axis=0)
+    best = int(np.argmax(score))
+    return _line(points[np.abs(beyond[:, best]) < 1.5 * _HIDDEN], outward)

@@ -21,6 +21,7 @@ from pliant.vision.measure import (
     Colours,
     axis_between,
     box_around,
+    covered_px,
     largest_contour,
     long_edges,
     measure,
@@ -40,26 +41,36 @@ _MOST_YAW = math.radians(20)
 
 
 def see(
-    views: Mapping[str, View], task: Task, colours: Colours = SIMULATED, *, board_yaw: float = 0.0
+    views: Mapping[str, View],
+    task: Task,
+    colours: Colours = SIMULATED,
+    *,
+    board_yaw: float = 0.0,
+    hand_yaw: float = 0.0,
 ) -> Scene:
     """Measure the pictures of one moment. `board_yaw` [rad] is the last that was seen; an oblique
-    picture among these gives a new one."""
-    scene = measure(views[SIDE], task, colours, board_yaw=board_yaw)
+    picture among these gives a new one. `hand_yaw` [rad] is the arm's."""
+    scene = measure(views[SIDE], task, colours, board_yaw=board_yaw, hand_yaw=hand_yaw)
     turned = None
     if OBLIQUE in views and scene.hole is not None:
         height = scene.hole.surface_z.value
         turned = _board_yaw(views[OBLIQUE], colours, scene.hole.y.value, height)
     if turned is not None:
-        scene = measure(views[SIDE], task, colours, board_yaw=turned.value)
         board_yaw = turned.value
+        scene = measure(views[SIDE], task, colours, board_yaw=board_yaw, hand_yaw=hand_yaw)
     across = None
     if FRONT in views:
-        across = _across(views[FRONT], task, scene.peg, colours, board_yaw)
+        across = _across(views[FRONT], task, scene.peg, colours, board_yaw, hand_yaw)
     return replace(scene, across=across, board_yaw=turned)
 
 
 def _across(
-    view: View, task: Task, beside: PegSeen | None, colours: Colours, board_yaw: float
+    view: View,
+    task: Task,
+    beside: PegSeen | None,
+    colours: Colours,
+    board_yaw: float,
+    hand_yaw: float,
 ) -> Across:
     camera = _quarter_turned(view.camera)
     hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
@@ -69,12 +80,13 @@ def _across(
     if peg is None or beside is None:
         return Across(tip_x=None, pitch=None, hole_x=hole_x)
     _, center, tilt_deg = box_around(peg)
-    edges = long_edges(peg, center, math.radians(tilt_deg), hole)
+    covered = covered_px(camera) if hand_yaw else 0.0
+    edges = long_edges(peg, center, math.radians(tilt_deg), hole, covered)
     if edges is None:
         return Across(tip_x=None, pitch=None, hole_x=hole_x)
     (left, left_tilt), (right, right_tilt), _ = edges
     tilt = (left_tilt + right_tilt) / 2
-    y, z = axis_between(camera, left, right, tilt, task.peg, -math.pi / 2)
+    y, z = axis_between(camera, left, right, tilt, task.peg, hand_yaw - math.pi / 2)
     tip = y - (beside.tip_z.value - z) * math.tan(tilt)
     return Across(
         tip_x=Measured(value=-tip, sd=_PLACE_SD),

@@ -1,0 +1,112 @@
+"""What the rules do after a guided skill failed.
+
+The guided skills correct themselves from what they see, so there is less to plan: go on where the
+peg is, or lift, hang it above the hole anew and aim a little further to one side each time.
+"""
+
+import math
+
+from pliant.cell import Stop
+from pliant.formations import Formation, Step
+from pliant.pose import Axis, describe
+from pliant.records import Case, FailureAnalysis, Recovery
+
+SKILLS = "guided"
+
+_AIMS = (0.0, -0.0015, 0.0015, -0.003, 0.003, -0.0045)  # [m] of the low corner, from the best guess
+_IN_HOLE = 0.0005  # [m] of the tip
+_PATIENCE = 2  # executions of Align, or of Insertion, from one fit
+
+
+def recover(case: Case, name: str) -> Recovery:
+    """The next steps after a failed execution of a guided skill."""
+    scene = case.outcome.scene
+    formation = case.outcome.step.formation
+    if scene.peg is None or scene.hole is None:
+        return _blind(case, name, "; ".join(scene.problems))
+    surface = case.belief.surface_z.value if case.belief.surface_z is not None else 0.0
+    depth = surface - scene.peg.tip_z.value
+    if formation is Formation.INSERTION and depth > _IN_HOLE and not _tired(case, formation):
+        stopped = case.outcome.stop is Stop.COMPRESSION
+        what = "the wrist gave way" if stopped else "the peg stuck"
+        return _plan(
+            case,
+            name,
+            f"{what} {depth * 1e3:.1f} mm deep",
+            f"it leans {math.degrees(scene.peg.tilt.value):.1f} deg in the hole",
+            "straighten it, and push again",
+            Formation.ALIGN,
+        )
+    if formation is Formation.ALIGN and depth > _IN_HOLE and not _tired(case, formation):
+        return _plan(
+            case,
+            name,
+            f"the peg leans {math.degrees(scene.peg.tilt.value):.1f} deg in the hole",
+            "its trailing edge caught on the rim",
+            "turn it upright again",
+            Formation.ALIGN,
+        )
+    aim = _AIMS[_fits(case) % len(_AIMS)]
+    return _plan(
+        case,
+        name,
+        "the peg is not in the hole" if depth < _IN_HOLE else "the peg does not come free",
+        "it touched down beside the hole, or slipped out of it",
+        f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen",
+        Formation.FIT,
+        aim=aim,
+    )
+
+
+def _tired(case: Case, formation: Formation) -> bool:
+    """This formation was executed often enough since the last Fit."""
+    since = 1
+    for execution in reversed(case.history):
+        if execution.formation is Formation.FIT:
+            break
+        since += execution.formation is formation
+    return since >= _PATIENCE
+
+
+def _fits(case: Case) -> int:
+    outcomes = [e.outcome for e in case.history] + [case.outcome]
+    return sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
+
+
+def _blind(case: Case, name: str, problem: str) -> Recovery:
+    before = case.history[-1].outcome.scene if case.history else None
+    again = before is not None and (before.peg is None or before.hole is None)
+    if again:
+        analysis = FailureAnalysis(
+            what="the picture does not show what is needed to see the result",
+            why=problem,
+            how="stop",
+            motion={},
+        )
+        return Recovery(analysis=analysis, steps=(), by=name)
+    return _plan(
+        case,
+        name,
+        "the picture does not show what is needed to see the result",
+        problem,
+        "lift, and look again",
+        Formation.FIT,
+    )
+
+
+def _plan(
+    case: Case, name: str, what: str, why: str, how: str, start: Formation, *, aim: float = 0.0
+) -> Recovery:
+    taught = case.teaching.goals.formations
+    fit = {Axis.Y: taught[Formation.FIT][Axis.Y] + aim}
+    steps = (
+        Step(formation=Formation.FIT, goal=fit, retreat=True),
+        Step(formation=Formation.ALIGN, goal=taught[Formation.ALIGN]),
+        Step(formation=Formation.INSERTION, goal=taught[Formation.INSERTION]),
+    )[start.order - Formation.FIT.order :]
+    goal = steps[0].goal
+    motion = {a: v - case.goals.formations[start][a] for a, v in goal.items()}
+    analysis = FailureAnalysis(
+        what=what, why=why, how=f"{how} ({start}: {describe(motion)})", motion=motion
+    )
+    return Recovery(analysis=analysis, steps=steps, by=name)
