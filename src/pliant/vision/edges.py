@@ -1,0 +1,258 @@
+"""Picture to Scene without colour: the edges of a block and a peg of known size.
+
+The block is two upright edges a known width apart, with a top edge; its uprights show the camera's
+roll. The peg is two parallel lines (`peg_lines.py`). An `Offset` corrects a camera that is not
+quite where its calibration says (`offset.py`).
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pliant.cell import Camera, View
+from pliant.pose import Pose
+from pliant.task import BLOCK_SIZE, Task
+from pliant.vision.lines import (
+    STRETCH,
+    Floats,
+    Pair,
+    Step,
+    fit_pair,
+    level,
+    peaks,
+    unrolled,
+    upright,
+    weight,
+)
+from pliant.vision.measure import axis_between
+from pliant.vision.offset import UNKNOWN, Offset
+from pliant.vision.peg_lines import PegLines, peg_lines
+from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, Scene
+
+_BLUR = 0.8  # [px] against noise
+_PIECE = 12  # [px] of an edge that is averaged
+_HOLE_REACH = 0.037  # [m] how far the hole's centre may be from nominal along y
+_BOARD_REACH = 0.012  # [m] and the surface along z
+_MOST_ROLL = math.radians(0.6)  # of the camera
+_LEAST_SCORE, _LEAST_SUPPORT = 0.15, 0.35  # of at most 1
+
+# Standard deviations that no fit tells, measured on random looks (tests/test_edges.py).
+_PLACE_SD, _HEIGHT_SD, _SURFACE_SD, _TILT_SD = 1.4e-4, 0.8e-4, 3e-4, math.radians(0.12)  # [m, rad]
+_WELL_SEEN, _DOUBT_TILT, _DOUBT_PX = 1.55, math.radians(3.5), 1.5  # support; for each 1 below it
+
+
+def measure_edges(
+    view: View, task: Task, pose: Pose, *, board_yaw: float = 0.0, offset: Offset = UNKNOWN
+) -> Scene:
+    """Measure the peg and the hole in a picture from +x, without colour. Not found is None, with
+    the reason.
+
+    `pose` is the measured one of the hinge point, `board_yaw` [rad] the board's. A picture from
+    another side, with level columns, is measured with camera and pose turned about z to +x.
+    """
+    smooth = cv2.GaussianBlur(view.image.astype(np.float32), (0, 0), _BLUR)
+    picture = np.asarray(smooth, np.float32)
+    problems: list[str] = []
+    block = _block(picture, view.camera, board_yaw, offset)
+    if block is None:
+        problems.append("no hole: no pair of upright edges as wide as the block")
+    roll, top = (0.0, math.inf) if block is None else (block.roll, block.top)
+    found = peg_lines(picture, view.camera, task, pose, offset, top)
+    if found is None:
+        problems.append("no peg: no lines like its sides where the arm holds it")
+    return Scene(
+        peg=None if found is None else _peg(found, view.camera, task, pose, offset, roll),
+        hole=None if block is None else _hole(block, view.camera, board_yaw, offset),
+        problems=tuple(problems),
+        time_s=view.time_s,
+    )
+
+
+# --- the block ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Block:
+    """The block's outermost upright edges and its top [px], as if the camera had no roll [rad]."""
+
+    left: float
+    right: float
+    top: float
+    bottom: float
+    roll: float
+    place_sd: float
+    top_sd: float
+
+
+def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Block | None:
+    scale = 1.0 / camera.metres_per_pixel(BLOCK_SIZE[0] / 2)
+    top, up_down = _row(camera, -offset.z.value), (_BOARD_REACH + offset.reach) * scale
+    left, right = _block_at(camera, yaw, -offset.y.value)
+    rows = slice(round(top + up_down), camera.height - 6)
+    uprights = upright(picture, piece=_PIECE)
+    column = uprights[rows][_PIECE // 2 :: _PIECE].mean(axis=0)
+    at = _uprights_at(column, left, right, round((_HOLE_REACH + offset.reach) * scale))
+    if at is None:
+        return None
+    points: list[Step] = []
+    pieces = range(rows.start, rows.stop - _PIECE, _PIECE)
+    for row in pieces:
+        profile = picture[row : row + _PIECE].mean(axis=0)
+        for line, column_at in enumerate(at):
+            points += [
+                (line, place + 0.5, row + _PIECE / 2, weight(step))
+                for place, step in peaks(profile, column_at, 3.5)
+            ]
+    pair = fit_pair(points, right - left, _MOST_ROLL)
+    if pair is None or pair.support < _LEAST_SUPPORT * len(pieces):
+        return None
+    found = _block_top(picture, uprights, pair, top, up_down)
+    if found is None:
+        return None
+    top_row, top_sd = found
+    roll = math.atan(pair.slope)  # positive tilts to the left
+    rolled = [(pair.left, pair.at), (pair.right, pair.at), ((pair.left + pair.right) / 2, top_row)]
+    straight = unrolled(camera, np.array(rolled), roll)
+    return _Block(
+        left=float(straight[0, 0]),
+        right=float(straight[1, 0]),
+        top=float(straight[2, 1]),
+        bottom=float(rows.stop),
+        roll=roll,
+        place_sd=pair.place_sd,
+        top_sd=top_sd,
+    )
+
+
+def _uprights_at(column: Floats, left: float, right: float, slack: int) -> tuple[int, int] | None:
+    """Columns of the best pair of upright edges as far apart as `left` and `right` and within
+    `slack` of them [px], from how strong an edge each column is."""
+    near = np.maximum(column, np.maximum(np.roll(column, 1), np.roll(column, -1)))
+    width = right - left
+    widths = np.arange(round(width * (1 - STRETCH)), round(width * (1 + STRETCH)) + 1)
+    best, at = _LEAST_SCORE, None
+    for wide in widths[np.argsort(np.abs(widths - width))].tolist():  # of equals the most likely
+        first, last = max(2, round(left) - slack), min(round(left) + slack, len(near) - wide - 2)
+        if last <= first:
+            continue
+        scores = np.minimum(near[first:last], near[first + wide : last + wide])
+        n = int(np.argmax(scores))
+        if scores[n] > best:
+            best, at = float(scores[n]), (first + n, first + n + wide)
+    return at
+
+
+def _block_top(
+    picture: Floats, uprights: Floats, pair: Pair, expected: float, reach: float
+) -> tuple[float, float] | None:
+    """(row, sd) [px] of the block's top: a level edge, above which its upright edges end."""
+    low, high = round(expected - reach), round(expected + reach)
+    left, right = round(pair.left), round(pair.right)
+    levels = level(picture, piece=_PIECE)
+    edge = levels[:, left + _PIECE : right - _PIECE : _PIECE].mean(axis=1)
+    sides = [uprights[:, c - 1 : c + 2].max(axis=1) for c in (left, right)]
+    weaker = np.minimum(sides[0], sides[1])
+    rows = np.arange(low, high)
+    ends = weaker[rows + _PIECE // 2 + 2] - weaker[rows - _PIECE // 2 - 2]
+    score = edge[rows] + 0.5 * ends
+    at = low + int(np.argmax(score))
+    places: list[float] = []
+    for column in range(left + 4, right - 4 - _PIECE, _PIECE):
+        profile = picture[at - 8 : at + 9, column : column + _PIECE].mean(axis=1)
+        places += [at - 8 + place + 0.5 for place, _ in peaks(profile, 8, 3.0)]
+    if len(places) < 3:
+        return None
+    row = float(np.median(places))
+    spread = 1.5 * float(np.median(np.abs(np.array(places) - row)))
+    return row, max(0.2, 1.25 * spread / math.sqrt(len(places)))
+
+
+def _block_at(camera: Camera, yaw: float, y: float) -> tuple[float, float]:
+    """Columns of the outermost upright edges of a block with its axis at `y` [m]."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
+    columns = [
+        camera.project(np.array([cos * a - sin * b, y + sin * a + cos * b, camera.position[2]]))[0]
+        for a in (-half_x, half_x)
+        for b in (-half_y, half_y)
+    ]
+    return min(columns), max(columns)
+
+
+def _row(camera: Camera, z: float) -> float:
+    """Row of a level edge of the block at `z` [m]: of the near face, or of the far one where the
+    camera looks down on it."""
+    x = BLOCK_SIZE[0] / 2 if z > camera.position[2] else -BLOCK_SIZE[0] / 2
+    return camera.project(np.array([x, 0.0, z]))[1]
+
+
+def _hole(block: _Block, camera: Camera, yaw: float, offset: Offset) -> HoleSeen:
+    front = BLOCK_SIZE[0] / 2
+    mpp = camera.metres_per_pixel(front)
+    seen, y = (block.left + block.right) / 2, 0.0
+    for _ in range(3):
+        left, right = _block_at(camera, yaw, y)
+        y += (seen - (left + right) / 2) * mpp
+    x = front if block.top < camera.height / 2 else -front
+    _, surface = camera.on_plane_x(camera.width / 2, block.top, x)
+    box = _box(block.left, block.right, block.top, block.bottom)
+    return HoleSeen(
+        box_px=box,
+        center_px=(seen, (block.top + block.bottom) / 2),
+        y=_shifted(y, math.hypot(block.place_sd * mpp, _PLACE_SD), offset.y),
+        surface_z=_shifted(surface, math.hypot(block.top_sd * mpp, _SURFACE_SD), offset.z),
+    )
+
+
+def _box(left: float, right: float, top: float, bottom: float) -> tuple[Pixel, Pixel, Pixel, Pixel]:
+    return (left, bottom), (left, top), (right, top), (right, bottom)
+
+
+def _shifted(value: float, sd: float, offset: Measured) -> Measured:
+    return Measured(value=value + offset.value, sd=math.hypot(sd, offset.sd))
+
+
+# --- the peg -----------------------------------------------------------------------------------
+
+
+def _peg(
+    lines: PegLines, camera: Camera, task: Task, pose: Pose, offset: Offset, roll: float
+) -> PegSeen:
+    peg = task.peg
+    tilt = lines.tilt - roll
+    left, right, top = unrolled(camera, np.array([lines.left, lines.right, lines.top]), roll)
+    near = peg.front(0.3 * peg.half_extents[1], pose.yaw)
+    _, top_z = camera.on_plane_x(float(top[0]), float(top[1]), near)
+    y, z = axis_between(camera, left, right, tilt, peg, pose.yaw)
+    tip_z = top_z - peg.length * math.cos(tilt)
+    tip_y = y - (tip_z - z) * math.tan(tilt)
+    mpp = camera.metres_per_pixel(peg.silhouette_x)
+    doubt = max(0.0, _WELL_SEEN - lines.support)
+    tilt_sd = math.hypot(lines.tilt_sd, _TILT_SD, doubt * _DOUBT_TILT)
+    place_sd = math.hypot(lines.place_sd * mpp, doubt * _DOUBT_PX * mpp, abs(tip_z - z) * tilt_sd)
+    (left_y, _), (right_y, _) = peg.silhouette(pose.yaw)
+    cos, sin = math.cos(tilt), math.sin(tilt)
+    seen_y = _shifted(tip_y, math.hypot(place_sd, _PLACE_SD), offset.y)
+    seen_z = _shifted(tip_z, math.hypot(lines.top_sd * mpp, _HEIGHT_SD, doubt * mpp), offset.z)
+    tip_y, tip_z = seen_y.value, seen_z.value
+    half, length = (right_y - left_y) / 2 / mpp, peg.length / mpp
+    down, across = np.array([sin, cos]), np.array([cos, -sin])
+    corners = [
+        top + a * half * across + b * length * down for a, b in ((-1, 1), (-1, 0), (1, 0), (1, 1))
+    ]
+    a, b, c, d = ((float(u), float(v)) for u, v in corners)
+    return PegSeen(
+        box_px=(a, b, c, d),
+        center_px=((a[0] + c[0]) / 2, (a[1] + c[1]) / 2),
+        edge_px=d,
+        tilt_deg=math.degrees(tilt),
+        tilt=Measured(value=tilt, sd=tilt_sd),
+        tip_y=seen_y,
+        tip_z=seen_z,
+        left_y=tip_y + left_y * cos,
+        left_z=tip_z + left_y * sin,
+        right_y=tip_y + right_y * cos,
+        right_z=tip_z + right_y * sin,
+    )

@@ -1,0 +1,155 @@
+"""Edges of things of known size in a picture of any colours.
+
+What counts is a step in any channel that keeps its sign along a piece of an edge, so that textures
+and noise cancel; a pair of parallel edges is as good as the weaker.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pliant.cell import Camera
+
+Floats = NDArray[np.float32]
+Points = NDArray[np.float64]  # (n, 2) pixels, column and row
+Step = tuple[int, float, float, float]
+"""A point on an edge: on which of two lines (0, 1), column, row, weight."""
+
+STRETCH = 0.015  # of a width, where things or the camera are nearer or farther
+_CLIP, _CLEAR = 30.0, 6.0  # [grey levels a pixel] steps count up to, and half at
+_SAME_LINE = 0.9  # [px] from a line
+_SLOPES = 41  # that are tried
+_LEAST_STEP, _NOT_MUCH_WEAKER = 0.8, 0.4  # [grey levels a pixel]; share of the strongest
+
+
+def upright(picture: Floats, *, piece: int) -> Floats:
+    """How strong an upright edge there is around each pixel, over `piece` rows: 0 to 1."""
+    return _strengths(cv2.Scharr(picture, cv2.CV_32F, 1, 0), (1, piece))
+
+
+def level(picture: Floats, *, piece: int) -> Floats:
+    """How strong a level edge there is around each pixel, over `piece` columns: 0 to 1."""
+    return _strengths(cv2.Scharr(picture, cv2.CV_32F, 0, 1), (piece, 1))
+
+
+def _strengths(derivative: NDArray[Any], piece: tuple[int, int]) -> Floats:
+    mean = cv2.blur(np.clip(derivative / 32, -_CLIP, _CLIP), piece)
+    step = np.sqrt(np.einsum("ijk,ijk->ij", mean, mean))
+    return np.asarray(step / (step + _CLEAR), np.float32)
+
+
+def peaks(profile: Floats, around: float, reach: float) -> list[tuple[float, float]]:
+    """(place, strength) of the steps in a profile (n, channels) near an index, to a part of a
+    pixel: all that are not much weaker than the strongest."""
+    steps = np.linalg.norm(np.gradient(profile, axis=0), axis=1)
+    low, high = max(1, math.ceil(around - reach)), min(len(steps) - 2, math.floor(around + reach))
+    here, before, after = steps[low : high + 1], steps[low - 1 : high], steps[low + 1 : high + 2]
+    tops = np.flatnonzero((here >= before) & (here > after) & (here > _LEAST_STEP))
+    if not len(tops):
+        return []
+    tops = tops[here[tops] > _NOT_MUCH_WEAKER * np.max(here[tops])]
+    shift = 0.5 * (before - after)[tops] / (before + after - 2 * here)[tops]
+    return list(zip((low + tops + shift).tolist(), here[tops].tolist(), strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two parallel lines x = middle -+ width / 2 + slope * (y - y0) [px], fitted to points."""
+
+    left: float
+    right: float
+    slope: float
+    at: float  # y0
+    place_sd: float  # [px] of the middle
+    slope_sd: float
+    support: float  # sum of weights on the weaker line
+
+
+def fit_pair(points: list[Step], width: float, most_slope: float) -> Pair | None:
+    """Lines through edge points: which line (0, 1), x, y, weight. First the most points that two
+    lines just so far apart share, then the best fit to these. None: too few agree, or they are not
+    that far apart."""
+    if len(points) < 4:
+        return None
+    side, x, y, counts = np.array(points).T
+    y0 = (float(np.min(y)) + float(np.max(y))) / 2
+    slopes = np.linspace(-most_slope, most_slope, _SLOPES)
+    middles = (x + np.where(side == 0, 0.5, -0.5) * width) - slopes[:, None] * (y - y0)
+    grid = np.arange(np.min(middles), np.max(middles) + 0.5, 0.5)
+    near = np.abs(middles[:, None, :] - grid[:, None]) < _SAME_LINE + STRETCH * width / 2
+    votes = np.minimum(*(near @ (counts * (side == line)) for line in (0, 1)))
+    steepness, place = np.unravel_index(int(np.argmax(votes)), votes.shape)
+    used = np.where(near[steepness, place], counts, 0.0)
+    matrix = np.column_stack([side == 0, side == 1, y - y0]).astype(float)
+    off = np.zeros(len(x))
+    solution = np.zeros(3)
+    for _ in range(5):
+        if min(len(np.unique(y[(used > 0) & (side == line)])) for line in (0, 1)) < 2:
+            return None
+        root = np.sqrt(used)
+        solution = np.linalg.lstsq(matrix * root[:, None], x * root, rcond=None)[0]
+        off = np.abs(x - matrix @ solution)
+        used = np.where(off < _SAME_LINE, counts / np.maximum(1.0, off / (_SAME_LINE / 3)), 0.0)
+    left, right, slope = (float(s) for s in solution)
+    if abs(right - left - width) > 1.0 + STRETCH * width:
+        return None
+    kept = used > 0
+    noise = max(0.1, float(np.sqrt(np.mean(off[kept] ** 2))))
+    covariance = np.linalg.inv(matrix[kept].T @ matrix[kept]) * noise**2
+    return Pair(
+        left=left,
+        right=right,
+        slope=slope,
+        at=y0,
+        place_sd=float(np.sqrt((covariance[0, 0] + covariance[1, 1] + 2 * covariance[0, 1]) / 4)),
+        slope_sd=float(np.sqrt(covariance[2, 2])),
+        support=float(min(np.sum(counts[kept & (side == line)]) for line in (0, 1))),
+    )
+
+
+def weight(step: float) -> float:
+    """How much a step counts, 0 to 1."""
+    return step / (step + _CLEAR)
+
+
+def unrolled(camera: Camera, points: Points, roll: float) -> Points:
+    """Pixels as they would be if the camera were not rolled."""
+    centre = np.array([camera.width / 2, camera.height / 2])
+    cos, sin = math.cos(roll), math.sin(roll)
+    return centre + (points - centre) @ np.array([[cos, -sin], [sin, cos]]).T
+
+
+class Strip:
+    """A picture turned by a tilt about a point, so that the peg's sides stand upright in it."""
+
+    def __init__(
+        self, picture: Floats, centre: Points, tilt: float, size: tuple[int, int], at: Points
+    ) -> None:
+        """`centre` (2,) in the picture comes to `at` (2,), both in pixels."""
+        cos, sin = math.cos(tilt), math.sin(tilt)
+        self._turn = np.array([[cos, sin], [-sin, cos]])  # columns: across, down
+        self._centre, self._at = centre, at
+        shift = centre - 0.5 - self._turn @ (at - 0.5)
+        matrix = np.column_stack([self._turn, shift])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        self.picture: Floats = np.asarray(
+            cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE),
+            np.float32,
+        )
+
+    def rows(self) -> Floats:
+        """The picture's row [px] at each of the strip's pixels."""
+        height, width = self.picture.shape[:2]
+        down, across = np.mgrid[:height, :width].astype(np.float32)
+        off = self._turn[1, 0] * (across + 0.5 - self._at[0])
+        return np.asarray(
+            self._centre[1] + off + self._turn[1, 1] * (down + 0.5 - self._at[1]), np.float32
+        )
+
+    def back(self, point: tuple[float, float]) -> Points:
+        """The picture's pixel at a point of the strip."""
+        return np.asarray(self._centre + self._turn @ (np.array(point) - self._at))

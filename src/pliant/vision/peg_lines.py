@@ -1,0 +1,195 @@
+"""A peg of known size by its edges: two parallel side lines, its top, and its bottom where the hole
+does not hide it. Searched for where the arm's pose lets it be, coarse to fine, and then fitted."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pliant.cell import Camera
+from pliant.pose import Pose
+from pliant.task import Task
+from pliant.vision.lines import Floats, Points, Step, Strip, fit_pair, level, peaks, upright, weight
+from pliant.vision.offset import Offset
+
+_PRESSED = 0.005  # [m] of the wrist, halfway between stretched and pressed as far as it may be
+_TIP_REACH = (0.020, 0.017)  # [m] beside that for a peg that is askew in the grasp, and along
+_TILT_REACH, _TILT_STEP = math.radians(21), math.radians(1.5)  # from half of the hand's roll
+_MOST_TURN = math.radians(3)  # from the search's tilt to the fit's
+_TRIED = 3  # tilts of the coarse search
+_FREE, _HELD = 0.47, 0.53  # of a peg's length from its tip, and beside the fingers
+_TOP_AT = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)  # of half the width: where the top is looked at
+_FINGERS_X = 0.011  # [m] half the fingers' width: a silhouette behind that is theirs as well
+_LEAST_SCORE, _LEAST_SUPPORT = 0.25, 1.0  # of at most 1 and at most 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class PegLines:
+    """The peg's left and right line and its top [px], and its tilt [rad]."""
+
+    left: Points  # (2,) a point on each
+    right: Points
+    top: Points  # (2,) where the axis meets the top edge
+    tilt: float
+    place_sd: float
+    tilt_sd: float
+    top_sd: float
+    support: float  # of the weaker side and of the top, 0 to 1 each
+
+    def tip(self, length: float) -> Points:  # (2,)
+        return self.top + length * np.array([math.sin(self.tilt), math.cos(self.tilt)])
+
+
+def peg_lines(
+    picture: Floats,
+    camera: Camera,
+    task: Task,
+    pose: Pose,
+    offset: Offset,
+    board_top: float,
+) -> PegLines | None:
+    """The peg in a picture from +x whose board has its top at that row [px]; None: not found."""
+    half_size = np.asarray(
+        cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32
+    )
+    (left_y, _), (right_y, _) = task.peg.silhouette(pose.yaw)
+    scale = 1.0 / camera.metres_per_pixel(task.peg.silhouette_x)
+    width, length = (right_y - left_y) * scale, task.peg.length * scale
+    window = [math.ceil((r + offset.reach) * scale / 2) for r in _TIP_REACH]
+    found = []
+    for tilt in pose.roll / 2 + np.arange(-_TILT_REACH, _TILT_REACH + 1e-9, _TILT_STEP):
+        tip = _tip_at(camera, task, pose, offset, float(tilt)) / 2
+        found.append(
+            _search(half_size, tip, float(tilt), width / 2, length / 2, window, board_top / 2)
+        )
+    held = 0.5 if task.peg.silhouette_x > _FINGERS_X else 0.0
+    fits = []
+    for _, place, tilt in sorted(found, key=lambda f: -f[0])[:_TRIED]:
+        finer = [
+            _search(picture, 2 * place, float(t), width, length, [4, 4], board_top)
+            for t in tilt + _TILT_STEP / 3 * np.arange(-2, 3)
+        ]
+        score, place, tilt = max(finer, key=lambda f: f[0])
+        if score < _LEAST_SCORE:
+            continue
+        fit = _fit_peg(picture, place, tilt, width, length, board_top, held)
+        if fit is not None:
+            again = _fit_peg(picture, fit.tip(length), fit.tilt, width, length, board_top, held)
+            fits.append(again or fit)
+    best = max(fits, key=lambda f: f.support, default=None)
+    return None if best is None or best.support < _LEAST_SUPPORT else best
+
+
+def _tip_at(camera: Camera, task: Task, pose: Pose, offset: Offset, tilt: float) -> Points:
+    """Where the tip of a peg with that tilt is expected in the picture (2,) [px]: tool and peg hang
+    in a line from the hinge."""
+    below = task.tip_below_hinge
+    y = pose.y + below * math.sin(tilt) - offset.y.value
+    z = pose.z - below * math.cos(tilt) + _PRESSED - offset.z.value
+    return np.array(camera.project(np.array([pose.x, y, z])))
+
+
+def _search(
+    picture: Floats,
+    tip: Points,
+    tilt: float,
+    width: float,
+    length: float,
+    window: list[int],
+    board_top: float,
+) -> tuple[float, Points, float]:
+    """(score, tip (2,) [px], tilt) of the best peg with that tilt, its tip within `window` (across,
+    along) [px] of `tip`."""
+    piece = max(4, round(length / 13))
+    half, long = width / 2, round(length)
+    wide = math.ceil(half) + window[0] + 4
+    at = np.array([wide + 0.5, window[1] + long + 4 + 0.5])
+    size = (2 * wide + 1, 2 * window[1] + long + 9)
+    strip = Strip(picture, tip, tilt, size, at)
+    sides = upright(strip.picture, piece=piece)
+    sides = cv2.dilate(sides, np.ones((1, 3), np.uint8)).astype(np.float32, copy=False)
+    across_axis = level(strip.picture, piece=max(3, round(half)))
+    seen = (strip.rows() < board_top - 2).astype(np.float32)
+
+    across = np.arange(-window[0], window[0] + 1)
+    along = np.arange(-window[1], window[1] + 1)
+    columns, rows = wide + across, window[1] + long + 4 + along  # of the tip
+    lefts, rights = columns - round(half), columns + round(half)
+    totals = [np.zeros((len(rows), len(columns)), np.float32) for _ in range(3)]
+    for up in np.arange(piece / 2, length, piece):
+        at_rows = rows - round(float(up))
+        counts = (1.0 if up < _FREE * length else 0.5) * seen[np.ix_(at_rows, columns)]
+        totals[0] += counts * sides[np.ix_(at_rows, lefts)]
+        totals[1] += counts * sides[np.ix_(at_rows, rights)]
+        totals[2] += counts
+    weaker = np.minimum(totals[0], totals[1]) / np.maximum(totals[2], 1e-6)
+    ends, quarter = [], round(0.4 * half)
+    for shift in (long, 0):
+        at_rows = rows - shift
+        ends.append(sum(across_axis[np.ix_(at_rows, columns + o)] for o in (-quarter, quarter)) / 2)
+    bottom_seen = seen[np.ix_(rows, columns)]
+    score = (2 * weaker + ends[0] + bottom_seen * ends[1]) / (3 + bottom_seen)
+    n = int(np.argmax(score))
+    row, column = divmod(n, len(columns))
+    place = strip.back((columns[column] + 0.5, rows[row] + 0.5))
+    return float(score[row, column]), place, tilt
+
+
+def _fit_peg(
+    picture: Floats,
+    tip: Points,
+    tilt: float,
+    width: float,
+    length: float,
+    board_top: float,
+    held: float,
+) -> PegLines | None:
+    """Lines through the edge points near a peg that the search has found. `held` is the weight of
+    those beside the fingers."""
+    half, margin = width / 2, 8
+    wide, high = math.ceil(half) + margin, math.ceil(length) + 2 * margin
+    at = np.array([wide + 0.5, length + margin])  # the tip, in the strip
+    strip = Strip(picture, tip, tilt, (2 * wide + 1, high), at)
+    seen = strip.rows()[:, wide] < board_top - 3
+    piece = 6
+    points: list[Step] = []
+    pieces = 0.0
+    for row in range(margin + 4, round(length + margin) - piece, piece):
+        if not seen[row + piece - 1]:
+            break
+        profile = strip.picture[row : row + piece].mean(axis=0)
+        share = 1.0 if row + piece / 2 > margin + _HELD * length else held
+        pieces += share
+        for line, column in enumerate((wide - half, wide + half)):
+            points += [
+                (line, place + 0.5, row + piece / 2, share * weight(step))
+                for place, step in peaks(profile, column, 4.0)
+            ]
+    pair = fit_pair(points, width, _MOST_TURN)
+    if pair is None:
+        return None
+    middle = (pair.left + pair.right) / 2
+    places: list[float] = []
+    found: list[float] = []
+    for share in _TOP_AT:
+        column = round(middle + share * half)
+        profile = strip.picture[: 3 * margin, column - 2 : column + 3].mean(axis=1)
+        near = peaks(profile, margin - 0.5, 4.0)
+        places += [place + 0.5 for place, _ in near]
+        found.append(max((weight(step) for _, step in near), default=0.0))
+    if len(places) < 3:
+        return None
+    top = float(np.median(places))
+    spread = 1.5 * float(np.median(np.abs(np.array(places) - top)))
+    at_top = middle + pair.slope * (top - pair.at)
+    return PegLines(
+        left=strip.back((pair.left, pair.at)),
+        right=strip.back((pair.right, pair.at)),
+        top=strip.back((at_top, top)),
+        tilt=tilt + math.atan(pair.slope),
+        place_sd=pair.place_sd,
+        tilt_sd=pair.slope_sd,
+        top_sd=max(0.1, 1.25 * spread / math.sqrt(len(places))),
+        support=pair.support / max(1.0, pieces) + float(np.mean(found)),
+    )
