@@ -285,7 +285,7 @@ def planar(robot: ScriptedRobot, formation: Formation, *, retreat: bool) -> list
     look = typing.cast("typing.Any", None)
     Planar(taught=shipped().goals)(
         Guarded(robot, Limits()),
-        lambda: look,
+        lambda cameras=("side",): look,
         target,
         goals.step(formation, retreat=retreat),
         Belief(),

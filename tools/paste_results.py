@@ -17,7 +17,7 @@ from pliant.experiment.bench import table as bench
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduce" / "results"
-DOCUMENTS = ("README.md", "docs/assumptions.md", "docs/bench-reasoner.md")
+DOCUMENTS = ("README.md", "docs/assumptions.md", "docs/bench-reasoner.md", "docs/ladder.md")
 
 
 def block(name: str) -> str:
@@ -32,6 +32,8 @@ def block(name: str) -> str:
         if table in ("kind", "formation"):
             return bench.grouped(scores, table)
         return bench.judging(scores) if table == "judging" else bench.planning(scores)
+    if run == "ladder":
+        return tables_text.ladder(json.loads((RESULTS / f"ladder_{table}.json").read_text()))
     if run == "table4":
         return tables_text.table4(
             json.loads((RESULTS / f"table4_{table}.json").read_text())["placed"]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant import store
-from pliant.experiment import measures, paper, results
+from pliant.experiment import ladder, measures, paper, results
 from pliant.experiment.measures import Row
 from pliant.experiment.tables_text import markdown
 from pliant.formations import RECOVERABLE
@@ -58,6 +58,7 @@ def build(folder: Path) -> Document:
         "placed": _table4(ordered),
         "transitions": _transitions(ordered),
         "pairs": _pairs(ordered),
+        "ladder": ladder.rows(trial for cell in ordered for trial in cell.trials),
     }
 
 

@@ -28,6 +28,7 @@ def markdown(document: Document) -> str:
         " which reasoner made it. Percentages stand with their n and 95 % Wilson interval. F is"
         " judged inserted, G truly inserted. A trial that a fault ended counts as not inserted.",
         *_where(cells),
+        *_ladder_section(document.get("ladder", [])),
         "## Table II: success, and average extra executions",
         table2(cells),
         "## Table III: from the failed formation to the first of its plan [%]",
@@ -62,6 +63,26 @@ def table2(cells: Sequence[Document]) -> str:
     faults = sum(c["faults"] for c in cells)
     disagreed, n = sum(c["disagreed"] for c in cells), sum(c["n"] for c in cells)
     return f"{text}\n\nJudged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
+
+
+def _ladder_section(rows: Sequence[Document]) -> list[str]:
+    return ["## The ladder: all pegs of a level together", ladder(rows)] if rows else []
+
+
+def ladder(rows: Sequence[Document]) -> str:
+    """A row per level, skill set and reasoner; the paper's criterion or the level's own depth."""
+    header = ["level", "skills", "reasoner", "inserted [%]", "judged ≠ inserted [%]"]
+    header += ["false accepts [%]", "executions", "motions", "simulated time [s]", "failures"]
+    return _table(
+        header,
+        [
+            [r["level"], r["skills"], r["reasoner"], _rate(r["inserted"])]
+            + [f"{r['wrong']['percent']:.1f}", f"{r['false_accepts']['percent']:.1f}"]
+            + [f"{r['executions']:.1f}", f"{r['moves']:.0f}", f"{r['simulated_s']:.0f}"]
+            + [", ".join(f"{n} {kind}" for kind, n in r["failure_kinds"].items()) or "–"]
+            for r in rows
+        ],
+    )
 
 
 def table4(cells: Sequence[Document]) -> str:

@@ -1,0 +1,21 @@
+"""Gather the ladder's rows of several finished runs: python reproduce/ladder.py OUT.json RUN..."""
+
+import json
+import sys
+from pathlib import Path
+
+from pliant.experiment import tables
+from pliant.levels import shipped_levels
+
+
+def main() -> None:
+    out, *runs = (Path(name) for name in sys.argv[1:])
+    rows = [row for run in runs for row in tables.build(run)["ladder"]]
+    order = list(shipped_levels())
+    rows.sort(key=lambda row: order.index(row["level"]))
+    out.write_text(json.dumps(rows, indent=1) + "\n")
+    print(f"{out}: {len(rows)} rows")
+
+
+if __name__ == "__main__":
+    main()

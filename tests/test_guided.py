@@ -1,0 +1,158 @@
+"""Skills guided by what is seen and felt: how they move, what they believe, what they insert."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pliant.belief import Belief, Seen, believed, fold, softly
+from pliant.cell import Stop
+from pliant.conditions import condition
+from pliant.experiment.one import Spec, perform
+from pliant.formations import Formation
+from pliant.levels import load_level
+from pliant.pose import Pose
+from pliant.records import Trial
+from pliant.sim.cell import SimCell
+from pliant.skills.guided import Frame
+from pliant.task import load_task
+from pliant.teaching import shipped
+from pliant.vision.scene import HoleSeen, Measured, Scene
+
+TEACHING = shipped()
+
+
+def hole_at(y: float) -> Seen:
+    sd = 0.0002
+    hole = HoleSeen(
+        box_px=((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)),
+        center_px=(0.5, 0.5),
+        y=Measured(value=y, sd=sd),
+        surface_z=Measured(value=0.0, sd=sd),
+    )
+    return Seen(formation=Formation.FIT, pose=Pose(), scene=Scene(peg=None, hole=hole))
+
+
+def hole_y(*readings: float) -> float:
+    found = fold((hole_at(y) for y in readings), TEACHING, soft=True).hole_y
+    assert found is not None
+    return found.value
+
+
+# --- belief --------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.floats(-0.0004, 0.0004), min_size=3, max_size=12),
+    st.integers(0, 11),
+    st.sampled_from([-0.010, 0.010]),
+)
+def test_one_wrong_reading_does_not_poison_the_belief(
+    noise: list[float], when: int, wrong: float
+) -> None:
+    readings = [0.005 + n for n in noise]
+    readings.insert(max(1, min(when, len(readings))), 0.005 + wrong)
+    assert abs(hole_y(*readings) - 0.005) < 0.001
+
+
+def test_a_board_that_has_moved_is_believed_once_three_readings_agree() -> None:
+    before = [0.0] * 6
+    assert hole_y(*before, 0.012) == pytest.approx(0.0)
+    assert hole_y(*before, 0.012, 0.0121) == pytest.approx(0.0)
+    assert hole_y(*before, 0.012, 0.0121, 0.0119) == pytest.approx(0.012, abs=0.0002)
+
+
+def test_the_checks_take_the_hole_where_it_is_believed_to_be() -> None:
+    belief = Belief()
+    for y in (0.0, 0.0001, -0.0001):
+        belief = softly(belief, hole_at(y), TEACHING)
+    hole = believed(hole_at(0.010).scene, belief).hole
+    assert hole is not None
+    assert abs(hole.y.value) < 0.0002
+
+
+# --- motion --------------------------------------------------------------------------------------
+
+
+@given(
+    *(st.floats(-0.02, 0.02) for _ in range(3)),
+    st.floats(-0.3, 0.3),
+    *(st.floats(-0.05, 0.05) for _ in range(3)),
+)
+def test_the_holes_frame_and_the_task_frame_are_each_others_inverse(
+    x: float, y: float, z: float, yaw: float, a: float, b: float, c: float
+) -> None:
+    frame = Frame(x=x, y=y, z=z, yaw=yaw)
+    pose = Pose(x=a, y=b, z=c, roll=0.1, yaw=0.05)
+    back = frame.outside(frame.inside(pose))
+    assert np.allclose(back.position(), pose.position(), atol=1e-12)
+    assert math.isclose(back.yaw, pose.yaw, abs_tol=1e-12)
+    inside = frame.inside(pose)
+    assert np.allclose(frame.point(inside.position()), pose.position(), atol=1e-12)
+
+
+# --- trials --------------------------------------------------------------------------------------
+
+
+def inserted(level: str, peg: str, seed: int, reasoner: str = "rules") -> Trial:
+    rung = load_level(level)
+    spec = Spec(
+        task=load_task(peg, level),
+        condition=rung.on(condition("all")),
+        seed=seed,
+        reasoner=reasoner,
+        skills=rung.skills,
+    )
+    return perform(spec, SimCell(), TEACHING)
+
+
+@pytest.fixture(scope="module")
+def spatial() -> Trial:
+    return inserted("L4", "square", 9001)
+
+
+def test_a_turned_board_and_a_tilted_grasp_are_met_on_all_six_axes(spatial: Trial) -> None:
+    assert spatial.inserted
+    assert spatial.judged
+    assert spatial.skills == "guided"
+    drawn, ended = spatial.drawn, spatial.executions[-1].outcome.pose
+    assert ended.yaw == pytest.approx(drawn["board_yaw"], abs=math.radians(1))
+    belief = spatial.executions[-1].belief
+    assert belief.hole_x is not None
+    assert belief.hole_x.value == pytest.approx(drawn["hole_x"], abs=0.001)
+
+
+def test_a_guarded_motion_that_touches_is_no_compression_stop(spatial: Trial) -> None:
+    contact = spatial.executions[1].outcome
+    assert contact.motions[0].stop is Stop.TOUCH
+    assert contact.stop is Stop.REACHED
+
+
+def test_everything_a_guided_skill_commands_lies_in_the_workspace(spatial: Trial) -> None:
+    from pliant.envelope import Limits
+
+    for execution in spatial.executions:
+        for motion in execution.outcome.motions:
+            assert Limits().within(motion.commanded) == motion.commanded
+
+
+def test_a_tight_hole_is_entered_without_any_recovery() -> None:
+    trial = inserted("L1", "circle", 9003, reasoner="none")
+    assert trial.inserted
+    assert len(trial.executions) == len(Formation)
+
+
+def test_the_same_seed_gives_the_same_guided_trial() -> None:
+    one, other = inserted("L1", "rectangle", 9002), inserted("L1", "rectangle", 9002)
+    assert [e.outcome.target for e in one.executions] == [
+        e.outcome.target for e in other.executions
+    ]
+    assert replace(one.truths[-1]) == other.truths[-1]
+
+
+def test_a_strike_in_the_middle_is_survived() -> None:
+    trial = inserted("L6", "square", 9002)
+    assert trial.drawn["board_shift"] >= 0.005
+    assert trial.inserted

@@ -1,0 +1,103 @@
+"""The ladder is data: what a level changes, and how an experiment takes it."""
+
+import math
+
+import pytest
+
+from pliant.conditions import NOMINAL, Condition, condition
+from pliant.errors import InputError
+from pliant.experiment import ladder, plan
+from pliant.levels import load_level, shipped_levels
+from pliant.task import load_task, shipped_pegs
+
+
+def test_the_papers_level_changes_nothing() -> None:
+    level = load_level("L0")
+    assert level.skills == "planar"
+    assert level.on(condition("all")) == condition("all")
+    assert load_task("circle", "L0") == load_task("circle")
+
+
+@pytest.mark.parametrize("level", list(shipped_levels().values()), ids=lambda level: level.name)
+def test_every_level_can_be_drawn_with_every_peg_of_its_own(level: object) -> None:
+    assert isinstance(level, type(load_level("L0")))
+    drawn = level.on(condition("all"))
+    for seed in range(20):
+        setup = drawn.draw(seed)
+        for name, (low, high) in drawn.ranges.items():
+            size = getattr(setup, name)
+            assert low <= size <= high or low <= -size <= high
+    for peg in level.pegs:
+        assert peg in shipped_pegs()
+        assert load_task(peg, level.name).depth == level.depth
+
+
+def test_a_level_tightens_the_hole_and_deepens_the_goal() -> None:
+    task = load_task("square", "L2")
+    assert task.hole.clearance == pytest.approx(0.0002)
+    assert task.depth == pytest.approx(0.035)
+
+
+def test_levels_build_on_one_another() -> None:
+    third, fourth = load_level("L3"), load_level("L4")
+    assert third.ranges == fourth.ranges
+    assert fourth.ranges["board_yaw"] == pytest.approx((-math.radians(10), math.radians(10)))
+
+
+def test_a_seed_draws_the_papers_quantities_alike_on_every_level() -> None:
+    nominal = condition("all").draw(7)
+    harder = load_level("L4").on(condition("all")).draw(7)
+    assert (harder.friction, harder.hole_y, harder.grasp_roll) == (
+        nominal.friction,
+        nominal.hole_y,
+        nominal.grasp_roll,
+    )
+    assert harder.hole_x != NOMINAL["hole_x"]
+
+
+def test_a_condition_of_the_users_own_keeps_its_range() -> None:
+    mine = Condition(name="mine", ranges={"hole_x": (0.001, 0.001)})
+    assert load_level("L3").on(mine).draw(1).hole_x == 0.001
+
+
+def test_an_experiment_takes_the_levels_pegs_and_skills() -> None:
+    fields = {"conditions": "all", "reasoners": "rules"}
+    planned = plan.from_fields(fields, {"level": "L7"})
+    assert {c.task.peg.name for c in planned.cells} == set(load_level("L7").pegs)
+    assert {c.skills for c in planned.cells} == {"guided"}
+    papers = plan.from_fields({**fields, "level": "L1", "skills": "planar"})
+    assert {c.skills for c in papers.cells} == {"planar"}
+
+
+def test_unknown_skills_are_refused_in_one_line() -> None:
+    fields = {"pegs": "circle", "conditions": "all", "reasoners": "rules", "skills": "blind"}
+    with pytest.raises(InputError, match="unknown skills 'blind': valid are planar, guided"):
+        plan.from_fields(fields)
+
+
+def trial(level: str, *, judged: bool, inserted: bool) -> dict[str, object]:
+    return {
+        "level": level,
+        "skills": "guided",
+        "reasoner": "rules",
+        "peg": "circle",
+        "judged": judged,
+        "inserted": inserted,
+        "end_reason": "inserted",
+        "moves": 40,
+        "executions": 5,
+        "simulated_s": 30.0,
+        "failure_kind": None if judged == inserted else "misjudged",
+    }
+
+
+def test_the_ladders_table_counts_wrong_verdicts_and_false_acceptances() -> None:
+    outcomes = [(True, True), (True, False), (False, True), (False, False)]
+    [row] = ladder.rows(trial("L1", judged=j, inserted=i) for j, i in outcomes)
+    assert (row["inserted"]["percent"], row["wrong"]["percent"]) == (50.0, 50.0)
+    assert row["false_accepts"]["percent"] == 25.0
+
+
+def test_the_papers_grid_has_no_rows_on_the_ladder() -> None:
+    papers = {**trial("L0", judged=True, inserted=True), "skills": "planar"}
+    assert ladder.rows([papers]) == []
