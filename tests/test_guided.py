@@ -145,11 +145,10 @@ def test_a_tight_hole_is_entered_without_any_recovery() -> None:
 
 
 def test_the_same_seed_gives_the_same_guided_trial() -> None:
-    one, other = inserted("L1", "rectangle", 9002), inserted("L1", "rectangle", 9002)
-    assert [e.outcome.target for e in one.executions] == [
-        e.outcome.target for e in other.executions
-    ]
-    assert replace(one.truths[-1]) == other.truths[-1]
+    one, other = (inserted("L1", "rectangle", 9002) for _ in range(2))
+    targets = [[e.outcome.target for e in trial.executions] for trial in (one, other)]
+    assert targets[0] == targets[1]
+    assert one.truths == other.truths
 
 
 def test_a_strike_in_the_middle_is_survived() -> None:
