@@ -73,7 +73,7 @@ def test_a_peg_and_a_reasoner_of_ones_own_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--peg", "hexagon"), "valid are circle, rectangle, square"),
+        (("--peg", "pentagon"), "valid are circle, d_shape, hexagon"),
         (("--condition", "wind"), "valid are none, friction, pose, all"),
         (("--reasoner", "gpt"), "valid are rules, messages, sweep, retry, none"),
         (("--level", "L99"), "valid are L0"),

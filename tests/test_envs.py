@@ -378,7 +378,7 @@ def test_what_was_not_seen_is_nought_and_masked() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        (INSERTION, {"peg": "star"}, "unknown peg 'star': valid are circle, rectangle, square"),
+        (INSERTION, {"peg": "star"}, "unknown peg 'star': valid are circle, d_shape, hexagon"),
         (INSERTION, {"level": "L9"}, "unknown level 'L9': valid are L0"),
         (INSERTION, {"condition": "wind"}, "unknown condition 'wind': valid are none, friction"),
         (INSERTION, {"axes": []}, r"axes \[\]: give a list of different ones of x, y, z, roll"),

@@ -7,7 +7,9 @@ from statistics import fmean, median
 
 from pliant.formations import Formation
 from pliant.pose import Pose
+from pliant.task import load_task
 from pliant.teaching import Teaching
+from pliant.vision.offset import hanging_tip
 from pliant.vision.scene import Measured, Scene
 
 _JUMP_M = 0.003  # a reading so far from the belief is not believed until others agree
@@ -157,6 +159,16 @@ def hang_share(teaching: Teaching) -> float:
     if shown is None:
         return 0.5
     return shown.tilt.value / teaching.goals.target(Formation.APPROACH).roll
+
+
+def sag_m(teaching: Teaching) -> float:
+    """How far the tool's weight stretches the wrist in free hang [m], read off the goals."""
+    shown, seen = teaching.demonstrations[Formation.APPROACH], teaching.scenes[Formation.APPROACH]
+    if seen.peg is None:
+        return 0.0
+    task, share = load_task(shown.peg), hang_share(teaching)
+    _, z = hanging_tip(task, shown.pose, seen.peg.tilt, hang_share=share, sag_m=0.0)
+    return (z.value - seen.peg.tip_z.value) / math.cos(shown.pose.roll) ** 2
 
 
 def _weighed(belief: Belief, name: str, reading: Measured) -> Belief:

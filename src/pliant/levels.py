@@ -15,11 +15,14 @@ from pliant.conditions import CONDITIONS, QUANTITIES, Condition, Quantity
 from pliant.errors import unknown
 from pliant.pose import Axis
 
+COLOUR, EDGES = "colour", "edges"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
     """A rung: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion, `ranges` that
-    are drawn besides a condition's own, the `skills` that are used unless others are asked for."""
+    are drawn besides a condition's own, the `skills` that are used unless others are asked for, and
+    the `senses` that measure its pictures."""
 
     name: str
     tests: str
@@ -27,6 +30,7 @@ class Level:
     depth: float
     ranges: Mapping[str, tuple[float, float]]
     skills: str
+    senses: str
     pegs: tuple[str, ...]
 
     def on(self, condition: Condition) -> Condition:
@@ -69,6 +73,7 @@ def shipped_levels() -> Mapping[str, Level]:
             depth=fields.get("depth_mm", 10.0) * 1e-3,
             ranges=ranges,
             skills=fields.get("skills", "guided"),
+            senses=fields.get("senses", COLOUR),
             pegs=tuple(fields.get("pegs", ("circle", "square", "rectangle"))),
         )
     return levels

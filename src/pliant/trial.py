@@ -34,9 +34,12 @@ from pliant.recovery import Reasoner, admit
 from pliant.skills import PLANAR
 from pliant.task import Task
 from pliant.teaching import Teaching
-from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.scene import Scene
-from pliant.vision.surround import SIDE, see
+from pliant.vision.sight import ByColour, Sight
+from pliant.vision.surround import SIDE
+
+_RETAKES = 4  # of pictures that turn out to be stale
+_FRESH_S = 0.15
 
 
 def _as_it_is(scene: Scene) -> Scene:
@@ -83,14 +86,13 @@ class Run:
     skill: Skill
     limits: Limits = field(default_factory=Limits)
     patience: Patience = field(default_factory=Patience)
-    colours: Colours = SIMULATED
+    sight: Sight | None = None  # None: by colour, as in simulation
     reading: Callable[[Scene], Scene] = _as_it_is  # what of a measurement reaches the method
     end_reason: str = ""
     fault: str = ""
     aborted: Aborted | None = None  # the execution during which the fault happened
     clock_s: float = 0.0  # of the robot, after the last execution
     history: list[Execution] = field(default_factory=list)
-    _board_yaw: float = 0.0  # last seen
 
     def __iter__(self) -> Iterator[Execution]:
         """The executions; the reasoner answers."""
@@ -191,17 +193,17 @@ class Run:
             raise
 
     def _look(self, robot: Guarded, cameras: Sequence[str] = (SIDE,)) -> Look:
+        if self.sight is None:
+            self.sight = ByColour(self.task)
         observation = robot.observe(cameras)
-        scene = see(
-            observation.views,
-            self.task,
-            self.colours,
-            board_yaw=self._board_yaw,
-            hand_yaw=observation.pose.yaw,
-        )
-        scene = self.reading(scene)
-        if scene.board_yaw is not None:
-            self._board_yaw = scene.board_yaw.value
+        if self.skill.name != PLANAR:
+            for _ in range(_RETAKES):
+                if all(
+                    v.time_s >= observation.time_s - _FRESH_S for v in observation.views.values()
+                ):
+                    break
+                observation = robot.observe(cameras)
+        scene = self.reading(self.sight(observation.views, observation.pose))
         return Look(observation=observation, scene=scene)
 
     def _belief(self, outcome: Outcome | None) -> Belief:

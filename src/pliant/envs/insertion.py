@@ -8,8 +8,8 @@ The observation is what a real cell gives, `STATE` in SI units, and pictures whe
 for; where the hole is, how it rubs and how the peg was grasped are drawn anew in every episode and
 must be felt or seen. The reward knows the truth; the observation does not.
 
-An episode ends when the peg is inserted (10 mm deep in the hole); it is cut short by a fault of the
-robot or, through `gymnasium.make`, after 1000 steps.
+An episode ends when the peg is inserted (as deep in the hole as the level asks, 10 mm on L0); it is
+cut short by a fault of the robot or, through `gymnasium.make`, after 1000 steps.
 """
 
 import math
@@ -39,6 +39,7 @@ from pliant.envs.common import (
 )
 from pliant.errors import InputError, RobotFault
 from pliant.formations import Formation
+from pliant.levels import load_level
 from pliant.pose import Axis, Pose
 from pliant.records import Look
 from pliant.sim.cell import SimCell, SimRobot
@@ -65,8 +66,7 @@ REWARDS = ("sparse", "shaped")
 STARTS = ("home", "approach", "contact", "fit", "align")
 
 INSERTED, STEP_COST = 1.0, 0.001
-SHAPING = 10.0  # [1/m] on the tip's distance from 10 mm deep in the hole's middle
-_DEPTH = 0.010  # [m]
+SHAPING = 10.0  # [1/m] on the tip's distance from its place in the hole
 
 
 class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
@@ -103,7 +103,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
     ) -> None:
         self.render_mode = check_render_mode(render_mode)
         self._task = load_task(peg, level)
-        self._condition = as_condition(condition)
+        self._condition = load_level(level).on(as_condition(condition))
         self._axes = _as_axes(axes)
         self._observed = chosen("observation", observation, OBSERVATIONS)
         self._picture_size = _picture_size(picture_width)
@@ -136,7 +136,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         self._held = robot.set_point()
         self._guarded = Guarded(Streamed(robot, PERIOD_S), self._limits)
         truth = self._cell.truth()
-        self._potential = _potential(truth)
+        self._potential = _potential(truth, self._task.depth)
         info = {"seed": trial, **self._info(truth, Stop.REACHED)}
         return self._observe(robot, Stop.REACHED), info
 
@@ -199,7 +199,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
     def _reward(self, truth: Truth) -> float:
         reward = (INSERTED if truth.inserted else 0.0) - STEP_COST
         if self._shaped:
-            before, self._potential = self._potential, _potential(truth)
+            before, self._potential = self._potential, _potential(truth, self._task.depth)
             reward += self._potential - before
         return reward
 
@@ -259,7 +259,7 @@ def _formations(start: str) -> tuple[Formation, ...]:
     return () if start == "home" else tuple(order[: order.index(Formation(start)) + 1])
 
 
-def _potential(truth: Truth) -> float:
-    """Of the shaped reward: how near the tip is to 10 mm deep in the middle of the hole."""
+def _potential(truth: Truth, depth: float) -> float:
+    """Of the shaped reward: how near the tip is to `depth` [m] in the middle of the hole."""
     _, y, _ = truth.tip
-    return -SHAPING * math.hypot(y - truth.hole_y, truth.depth_m - _DEPTH)
+    return -SHAPING * math.hypot(y - truth.hole_y, truth.depth_m - depth)

@@ -32,11 +32,13 @@ from pliant.envs.common import (
 )
 from pliant.envs.decision import ACTION, FIELDS, as_recovery, numbers
 from pliant.errors import InputError
+from pliant.experiment.misread import Misreading
+from pliant.levels import load_level
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, End, Execution, Recovery, Verdict
 from pliant.recovery import admit
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.skills.planar import Planar
+from pliant.skills import skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Question, Run
@@ -69,7 +71,8 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
     ) -> None:
         self.render_mode = check_render_mode(render_mode)
         self._task = load_task(peg, level)
-        self._condition = as_condition(condition)
+        rung = load_level(level)
+        self._condition, self._skills = rung.on(as_condition(condition)), rung.skills
         self._teaching = shipped().for_task(self._task)
         self._limits = Limits()
         self._cell = SimCell()
@@ -155,8 +158,9 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             task=self._task,
             teaching=self._teaching,
             reasoner=self._judge,
-            skill=Planar(taught=self._teaching.goals),
+            skill=skill_set(self._skills, self._task, self._teaching, self._limits),
             limits=self._limits,
+            reading=Misreading(self._setup),
         )
         self._turns = self._run.turns()
         self._go_on()

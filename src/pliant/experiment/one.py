@@ -5,12 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pliant.belief import hang_share, sag_m
 from pliant.cell import Truth, Workcell
 from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
 from pliant.experiment.misread import Misreading
 from pliant.experiment.oracle import NAME, Oracle
+from pliant.levels import EDGES, load_level
 from pliant.reasoners import reasoner, vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
@@ -20,6 +22,7 @@ from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.trial import Patience, Run
 from pliant.vision.measure import SIMULATED, Colours
+from pliant.vision.sight import ByColour, ByEdges, Sight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +82,7 @@ def perform(
             skill=skill_set(spec.skills, spec.task, teaching, limits),
             limits=limits,
             patience=Patience(),
-            colours=colours,
+            sight=_sight(spec, teaching, colours),
             reading=Misreading(setup),
         )
         for execution in run:
@@ -107,6 +110,14 @@ def perform(
         cell=cell.kind,
         skills=spec.skills,
     )
+
+
+def _sight(spec: Spec, teaching: Teaching, colours: Colours) -> Sight:
+    """By colour, or by edges where a level's colours are anything."""
+    if load_level(spec.task.level).senses == EDGES:
+        share, sag = hang_share(teaching), sag_m(teaching)
+        return ByEdges(spec.task, hang_share=share, sag_m=sag)
+    return ByColour(spec.task, colours)
 
 
 def _reasoner(

@@ -72,7 +72,7 @@ def _across(
     board_yaw: float,
     hand_yaw: float,
 ) -> Across:
-    camera = _quarter_turned(view.camera)
+    camera = quarter_turned(view.camera)
     hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
     hole = measure(replace(view, camera=camera), task, colours, board_yaw=board_yaw).hole
     hole_x = None if hole is None else replace(hole.y, value=-hole.y.value)
@@ -95,7 +95,7 @@ def _across(
     )
 
 
-def _quarter_turned(camera: Camera) -> Camera:
+def quarter_turned(camera: Camera) -> Camera:
     return replace(camera, position=_QUARTER @ camera.position, rotation=_QUARTER @ camera.rotation)
 
 
