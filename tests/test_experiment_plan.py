@@ -86,7 +86,7 @@ def test_a_cell_that_occurs_twice_counts_once() -> None:
     ("fields", "message"),
     [
         ({"pegs": ["circle"], "trails": 3}, "unknown field 'trails'"),
-        ({**NAMES, "pegs": ["triangle"]}, "unknown peg 'triangle'"),
+        ({**NAMES, "pegs": ["pentagon"]}, "unknown peg 'pentagon'"),
         ({**NAMES, "conditions": ["wind"]}, "unknown condition 'wind'"),
         ({**NAMES, "reasoners": ["luck"]}, "unknown reasoner 'luck'"),
         ({**NAMES, "level": "L9"}, "unknown level 'L9'"),
@@ -96,7 +96,7 @@ def test_a_cell_that_occurs_twice_counts_once() -> None:
         ({**NAMES, "pegs": [3]}, "peg is 3"),
         ({**NAMES, "pegs": []}, "lacks its peg"),
         ({"pegs": ["circle"]}, "lacks its condition"),
-        ({}, "lacks its peg"),
+        ({}, "lacks its condition"),
         ({**NAMES, "goals": 3}, "goals is 3"),
         ({**NAMES, "cells": "circle"}, "cells must be a list"),
         ({**NAMES, "cells": [{"pegs": "circle"}]}, "unknown field of a cell 'pegs'"),

@@ -172,7 +172,7 @@ def formation_goal(name: str, **goal: Any) -> Edit:
         (lambda d: d["formations"]["fit"].pop("pose"), "fit lacks its goal or pose"),
         (lambda d: d.pop("camera"), "'camera' must give"),
         (lambda d: d["camera"].update(position_m=[1, 2]), "'camera' must give"),
-        (lambda d: d.update(peg="triangle"), "unknown peg 'triangle'"),
+        (lambda d: d.update(peg="pentagon"), "unknown peg 'pentagon'"),
         (formation_goal("fit", y_mm="far"), "fit y_mm is 'far'; it must be a number"),
         (formation_goal("fit", y_mm=float("nan")), "it must be a number"),
         (formation_goal("fit", y_mm=True), "it must be a number"),

@@ -49,9 +49,6 @@ def _as_it_is(scene: Scene) -> Scene:
 class Skill(Protocol):
     """Executes a step on the robot, looking when it has come to rest."""
 
-    @property
-    def name(self) -> str: ...
-
     def __call__(
         self, robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief
     ) -> Outcome: ...
@@ -84,6 +81,7 @@ class Run:
     teaching: Teaching
     reasoner: Reasoner
     skill: Skill
+    skills: str = PLANAR  # the set that `skill` is of
     limits: Limits = field(default_factory=Limits)
     patience: Patience = field(default_factory=Patience)
     sight: Sight | None = None  # None: by colour, as in simulation
@@ -137,7 +135,7 @@ class Run:
                 outcome=outcome,
                 evidence=self._check(outcome, belief),
                 belief=belief,
-                skills=self.skill.name,
+                skills=self.skills,
             )
             verdict = self.reasoner.judge(case)
             failures = 0 if verdict.success else failures + 1
@@ -175,7 +173,7 @@ class Run:
                 return
 
     def _check(self, outcome: Outcome, belief: Belief) -> Evidence:
-        if self.skill.name == PLANAR:
+        if self.skills == PLANAR:
             return check(self.task, outcome, self.teaching.scenes)
         return check_guided(self.task, outcome, self.teaching.scenes, belief)
 
@@ -196,7 +194,7 @@ class Run:
         if self.sight is None:
             self.sight = ByColour(self.task)
         observation = robot.observe(cameras)
-        if self.skill.name != PLANAR:
+        if self.skills != PLANAR:
             for _ in range(_RETAKES):
                 if all(
                     v.time_s >= observation.time_s - _FRESH_S for v in observation.views.values()
@@ -213,4 +211,4 @@ class Run:
             for o in outcomes
             for look in o.looks
         )
-        return fold(seen, self.teaching, soft=self.skill.name != PLANAR)
+        return fold(seen, self.teaching, soft=self.skills != PLANAR)

@@ -159,6 +159,7 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             teaching=self._teaching,
             reasoner=self._judge,
             skill=skill_set(self._skills, self._task, self._teaching, self._limits),
+            skills=self._skills,
             limits=self._limits,
             reading=Misreading(self._setup),
         )

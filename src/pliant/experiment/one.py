@@ -80,6 +80,7 @@ def perform(
             teaching=teaching,
             reasoner=mind,
             skill=skill_set(spec.skills, spec.task, teaching, limits),
+            skills=spec.skills,
             limits=limits,
             patience=Patience(),
             sight=_sight(spec, teaching, colours),

@@ -59,7 +59,6 @@ class Guided:
     task: Task
     teaching: Teaching
     limits: Limits = field(default_factory=Limits)
-    name: str = "guided"
     free_speed_m_s: float = 0.05
     contact_speed_m_s: float = 0.02
     guarded_speed_m_s: float = 0.03

@@ -19,7 +19,6 @@ class Planar:
     where it comes down; speeds [m/s], limit [m], waits [s]."""
 
     taught: Goals
-    name: str = "planar"
     free_speed_m_s: float = 0.05
     contact_speed_m_s: float = 0.02  # slow enough that a dragged tip does not hop
     compression_limit_m: float = 0.020  # from free hang
