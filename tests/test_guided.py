@@ -16,7 +16,7 @@ from pliant.levels import load_level
 from pliant.pose import Pose
 from pliant.records import Trial
 from pliant.sim.cell import SimCell
-from pliant.skills.guided import Frame
+from pliant.skills.hand import Frame
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import HoleSeen, Measured, Scene

@@ -4,6 +4,7 @@ by what it sees and feels."""
 from pliant.envelope import Limits
 from pliant.errors import unknown
 from pliant.skills.guided import Guided
+from pliant.skills.hand import Manner
 from pliant.skills.planar import Planar
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -20,5 +21,5 @@ def skill_set(name: str, task: Task, teaching: Teaching, limits: Limits) -> Plan
     if name == PLANAR:
         return Planar(taught=teaching.goals)
     if name == GUIDED:
-        return Guided(task=task, teaching=teaching, limits=limits)
+        return Guided(task=task, teaching=teaching, manner=Manner(limits=limits))
     raise unknown("skills", name, SETS)

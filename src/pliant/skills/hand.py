@@ -1,0 +1,257 @@
+"""The hand during one guided execution: it moves in the hole's frame, feels the wrist's
+compression, looks, and keeps what it did, saw, and now believes."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pliant.belief import Belief, Seen, in_hand, softly
+from pliant.cell import Motion, Robot, Stop
+from pliant.envelope import Limits
+from pliant.formations import Formation
+from pliant.pose import Pose
+from pliant.records import Look, Looking
+from pliant.task import Task
+from pliant.teaching import Teaching
+from pliant.vision.scene import Measured
+from pliant.vision.surround import FRONT, SIDE
+
+WORKED = 0.005  # [m] of compression while a stuck peg is shaken
+SLICE = 0.005  # [m] of one step of Insertion
+_TRIMMED = 0.0003  # [m] a load this close is trimmed
+_LIFTS = 40  # short lifts and shakes out of the hole, at most
+_HALF_SWING_S = 0.19  # of the tool that hangs from the soft wrist
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manner:
+    """How the guided skills move: workspace, speeds [m/s], limit [m], waits [s]."""
+
+    limits: Limits = field(default_factory=Limits)
+    free_speed_m_s: float = 0.05
+    contact_speed_m_s: float = 0.02
+    guarded_speed_m_s: float = 0.03
+    compression_limit_m: float = 0.020  # from free hang
+    swing_s: float = 0.8  # until a free-hanging peg is nearly at rest
+    rest_s: float = 0.3
+
+
+class Stopped(Exception):
+    """The compression limit ended a motion."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """The hole's frame in the task frame: its origin [m] and its yaw [rad]."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+
+    def point(self, inside: np.ndarray) -> np.ndarray:  # (3,) [m]
+        """A point in the hole's frame, in the task frame."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        a, b, c = inside
+        return np.array([self.x + cos * a - sin * b, self.y + sin * a + cos * b, self.z + c])
+
+    def inside(self, pose: Pose) -> Pose:
+        """A pose of the task frame, in the hole's."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        a, b = pose.x - self.x, pose.y - self.y
+        return replace(
+            pose,
+            x=cos * a + sin * b,
+            y=cos * b - sin * a,
+            z=pose.z - self.z,
+            yaw=pose.yaw - self.yaw,
+        )
+
+    def outside(self, pose: Pose) -> Pose:
+        """The inverse of `inside`."""
+        x, y, z = (float(v) for v in self.point(np.array([pose.x, pose.y, pose.z])))
+        return replace(pose, x=x, y=y, z=z, yaw=pose.yaw + self.yaw)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tip:
+    tip: tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corner:
+    """The low corner in the hole's frame [m]: x of the peg's axis (0 where it was not looked for),
+    y from the far wall, its depth, and the trailing corner's."""
+
+    x: float
+    y: float
+    depth: float
+    trailing_depth: float
+
+
+def bounded(value: float, most: float) -> float:
+    return max(-most, min(most, value))
+
+
+class Hand:
+    """The robot during one execution: where it was sent, what it did, saw, and now believes."""
+
+    def __init__(
+        self,
+        manner: Manner,
+        task: Task,
+        teaching: Teaching,
+        robot: Robot,
+        look: Looking,
+        formation: Formation,
+        belief: Belief,
+    ) -> None:
+        self.robot, self.belief = robot, belief
+        self.motions: list[Motion] = []
+        self.looks: list[Look] = []
+        self.at = robot.observe(cameras=()).pose
+        self._manner, self._task, self._teaching = manner, task, teaching
+        self._look, self._formation = look, formation
+
+    # --- motion ----------------------------------------------------------------------------------
+
+    def to(self, pose: Pose, speed: float) -> None:
+        """A straight motion [task frame]."""
+        self._move(pose, speed, self._manner.compression_limit_m)
+
+    def shift(self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
+        """By so much [m] along the hole's axes."""
+        here = self.frame.inside(self.at)
+        there = replace(here, x=here.x + x, y=here.y + y, z=here.z + z)
+        self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
+
+    def inside(self, **axes: float) -> None:
+        """To these values of the hole's frame [m, rad]; the others stay."""
+        there = replace(self.frame.inside(self.at), **axes)
+        self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
+
+    def dither(self, angle: float) -> None:
+        """Turn the hand about z by so much to either side [rad], and back."""
+        here = self.at
+        for yaw in (here.yaw + angle, here.yaw - angle, here.yaw):
+            self.to(replace(here, yaw=yaw), self._manner.free_speed_m_s)
+
+    def lift(self, clear: float) -> None:
+        """Straight up to the height `clear` [m], out of the hole; a peg that holds on is shaken."""
+        for attempt in range(_LIFTS):
+            if self.at.z >= clear:
+                return
+            if self.compression() < -WORKED:
+                self.shake(1 + attempt % 5)
+            else:
+                up = replace(self.at, z=min(clear, self.at.z + 2 * SLICE))
+                self.to(up, self._manner.free_speed_m_s)
+
+    def shake(self, times: int) -> None:
+        """Turn and shift the hand, further each time: friction then acts sideways."""
+        self.dither(math.radians(2.0 + times))
+        here = self.frame.inside(self.at)
+        turn, size = math.radians(1.0 + times), 0.0005 * times
+        for side in (1, -1):
+            self.inside(roll=here.roll + side * turn, y=here.y + side * size)
+            self.inside(pitch=here.pitch + side * turn / 2, x=here.x + side * size)
+        self.inside(roll=here.roll, pitch=here.pitch, x=here.x, y=here.y)
+        self.dither(math.radians(2.0 + times))
+
+    def down(self, most: float, touch: float) -> None:
+        """Down by at most `most` [m], ended by `touch` [m] of compression."""
+        goal = replace(self.at, z=self.at.z - most)
+        self._move(goal, self._manner.guarded_speed_m_s, touch)
+
+    def load(self, compression: float) -> None:
+        """Up or down until the wrist is pressed by about so much [m]."""
+        for _ in range(4):
+            error = compression - self.compression()
+            if abs(error) < _TRIMMED:
+                return
+            z = self.at.z - bounded(error, 0.008)
+            self.to(replace(self.at, z=z), self._manner.contact_speed_m_s)
+            self.robot.settle(0.1)
+
+    def _move(self, pose: Pose, speed: float, limit: float) -> None:
+        pose = self._manner.limits.within(pose)
+        motion = self.robot.move_to(pose, speed_m_s=speed, stop_at_compression_m=limit)
+        guarded = limit < self._manner.compression_limit_m
+        if motion.stop is Stop.COMPRESSION and guarded:
+            motion = replace(motion, stop=Stop.TOUCH)
+        self.motions.append(motion)
+        self.at = motion.ended if motion.stop.is_early else pose
+        if motion.stop is Stop.COMPRESSION:
+            raise Stopped
+
+    # --- senses ----------------------------------------------------------------------------------
+
+    def compression(self) -> float:
+        """Of the wrist, from free hang [m]."""
+        return self.robot.observe(cameras=()).compression_m
+
+    def see(self, cameras: Sequence[str]) -> Tip | None:
+        """Look; the tip of the peg [m], or None if the peg or the hole is not seen."""
+        look = self._look(cameras)
+        self.looks.append(look)
+        self.belief = softly(self.belief, self._seen(look), self._teaching)
+        peg = look.scene.peg
+        if peg is None or self.belief.hole_y is None:
+            return None
+        across = look.scene.across
+        x = across.tip_x.value if across is not None and across.tip_x is not None else self.frame.x
+        return Tip(tip=(x, peg.tip_y.value, peg.tip_z.value))
+
+    def _seen(self, look: Look) -> Seen:
+        return Seen(formation=self._formation, pose=look.observation.pose, scene=look.scene)
+
+    def hanging_tip(self, cameras: Sequence[str]) -> tuple[float, float, float] | None:
+        """The tip of the hanging peg [m], from two looks half a swing apart, whose mean is where it
+        will come to rest."""
+        one = self.see(cameras)
+        self.robot.settle(_HALF_SWING_S)
+        other = self.see((SIDE, FRONT))
+        if one is None or other is None:
+            return None
+        x, y, z = ((a + b) / 2 for a, b in zip(one.tip, other.tip, strict=True))
+        return x, y, z
+
+    def corner(self, cameras: Sequence[str]) -> "Corner | None":
+        """Where the low corner of the peg is in the hole's frame."""
+        self.robot.settle(self._manner.rest_s)
+        seen = self.see(cameras)
+        if seen is None:
+            return None
+        peg = self.looks[-1].scene.peg
+        assert peg is not None
+        task, frame = self._task, self.frame
+        cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
+        x, y = seen.tip[0] - frame.x, seen.tip[1] - frame.y
+        half = peg.tip_y.value - peg.left_y
+        wall = task.peg.half_extents[1] + task.hole.clearance / 2
+        return Corner(
+            x=cos * x + sin * y if FRONT in cameras else 0.0,
+            y=y / cos - half + wall if FRONT not in cameras else cos * y - sin * x - half + wall,
+            depth=frame.z - peg.left_z,
+            trailing_depth=frame.z - peg.right_z,
+        )
+
+    def tip(self) -> tuple[float, Measured] | None:
+        """The tip's depth [m] and the peg's tilt [rad] about the hand's axis."""
+        self.robot.settle(self._manner.rest_s)
+        peg = self.see((SIDE,))
+        if peg is None:
+            return None
+        return self.frame.z - peg.tip[2], in_hand(self._seen(self.looks[-1]))[0]
+
+    @property
+    def frame(self) -> Frame:
+        """Where the hole is believed to be."""
+        belief = self.belief
+        x, y, z, yaw = (
+            m.value if m is not None else 0.0
+            for m in (belief.hole_x, belief.hole_y, belief.surface_z, belief.board_yaw)
+        )
+        return Frame(x=x, y=y, z=z, yaw=yaw)
