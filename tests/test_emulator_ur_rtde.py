@@ -263,7 +263,7 @@ def test_a_trial_begins_as_the_simulated_cell_prepares_it(
     assert time_s == pytest.approx(emulator.ask("state")["time_s"])
     expected = robot.observe().views["side"]
     assert np.mean(np.abs(picture.astype(int) - expected.image)) < 0.5
-    (side, _) = described(urllib.request.urlopen(f"http://{HOST}:30101/cameras.json").read())
+    (side, *_) = described(urllib.request.urlopen(f"http://{HOST}:30101/cameras.json").read())
     np.testing.assert_allclose(side.position, expected.camera.position, atol=1e-6)
     assert side.focal_px == pytest.approx(expected.camera.focal_px)
 
@@ -347,12 +347,12 @@ def test_a_taken_port_is_one_line(emulator: Admin) -> None:
 
 def test_other_addresses_than_loopback_are_warned_of(tmp_path: Path) -> None:
     """Nothing is served: the peg is unknown."""
-    command = [sys.executable, "-m", "pliant.emulator", "--host", "0.0.0.0", "--peg", "triangle"]
+    command = [sys.executable, "-m", "pliant.emulator", "--host", "0.0.0.0", "--peg", "pentagon"]
     said = subprocess.run(command, capture_output=True, text=True)
     assert said.returncode == 2
     warning, error = said.stderr.splitlines()
     assert warning.startswith("warning: 0.0.0.0 can be reached from other machines")
-    assert error.startswith("pliant.emulator: unknown peg 'triangle'")
+    assert error.startswith("pliant.emulator: unknown peg 'pentagon'")
 
 
 def test_an_emulator_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
