@@ -151,6 +151,12 @@ def test_the_same_seed_gives_the_same_guided_trial() -> None:
     assert one.truths == other.truths
 
 
+def test_where_colours_are_anything_edges_do() -> None:
+    trial = inserted("L5", "circle", 9001)
+    assert trial.drawn["looks"] == 1.0
+    assert trial.inserted
+
+
 def test_a_strike_in_the_middle_is_survived() -> None:
     trial = inserted("L6", "square", 9002)
     assert trial.drawn["board_shift"] >= 0.005
