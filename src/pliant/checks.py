@@ -7,7 +7,7 @@ made has no vote, and says why.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from pliant.belief import Belief, believed
 from pliant.cell import Stop
@@ -34,20 +34,12 @@ DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the 
 
 def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
     """Make every check that the executed formation calls for."""
-    formation = outcome.step.formation
-    checks = [pose_check(outcome), compression_check(outcome)]
-    if formation in (Formation.FIT, Formation.ALIGN):
-        checks.append(table_i(formation, outcome.scene, on_hole_px(outcome)))
-    metric = {
+    metrics = {
         Formation.FIT: metric_fit,
         Formation.ALIGN: metric_align,
         Formation.INSERTION: metric_insertion,
-    }.get(formation)
-    if metric is not None:
-        checks.append(metric(task, outcome.scene))
-    if formation is Formation.INSERTION:
-        checks.append(goal_picture(outcome.scene, taught.get(formation)))
-    return Evidence(checks=tuple(checks))
+    }
+    return _evidence(task, outcome, taught, outcome.scene, metrics)
 
 
 def check_guided(
@@ -56,17 +48,28 @@ def check_guided(
     """The checks after a guided skill. Its goal is where it went by itself, Fit is right at the far
     wall, and the metric check takes the hole where it is believed to be, so that one wrong reading
     fails nothing."""
-    formation, scene = outcome.step.formation, believed(outcome.scene, belief)
-    checks = [pose_check(outcome), compression_check(outcome)]
-    metric = {
+    metrics = {
         Formation.FIT: metric_far_wall,
         Formation.ALIGN: metric_upright,
         Formation.INSERTION: metric_insertion,
-    }.get(formation)
-    if metric is not None:
-        checks.append(metric(task, scene))
+    }
+    return _evidence(task, outcome, taught, believed(outcome.scene, belief), metrics)
+
+
+def _evidence(
+    task: Task,
+    outcome: Outcome,
+    taught: Mapping[Formation, Scene],
+    scene: Scene,
+    metrics: Mapping[Formation, Callable[[Task, Scene], Check]],
+) -> Evidence:
+    """Table I reads the picture as it is; `scene` is what the others go by."""
+    formation = outcome.step.formation
+    checks = [pose_check(outcome), compression_check(outcome)]
     if formation in (Formation.FIT, Formation.ALIGN):
         checks.append(table_i(formation, outcome.scene, on_hole_px(outcome)))
+    if formation in metrics:
+        checks.append(metrics[formation](task, scene))
     if formation is Formation.INSERTION:
         checks.append(goal_picture(scene, taught.get(formation)))
     return Evidence(checks=tuple(checks))
