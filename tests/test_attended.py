@@ -3,7 +3,7 @@
 import io
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -20,16 +20,26 @@ from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
 from pliant.experiment import journal, labels, results, runner
 from pliant.experiment.attended import Attended
+from pliant.experiment.one import Spec
 from pliant.experiment.plan import Experiment, from_fields
 from pliant.experiment.rows import Row
 from pliant.experiment.runner import Finished
 from pliant.experiment.where import Where
+from pliant.formations import Formation
+from pliant.records import Execution
 from pliant.report import trial as report
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.task import Task
 
 EXAMPLE = Path(str(files("pliant") / "ur5e" / "example.yaml"))
-LATER = 500  # control periods of 10 ms: the arm is on its way to Contact
+LATER = 500  # control periods of 10 ms: the arm is on its way to Fit
+SLOW = """
+from pliant.reasoners.rules import Rules
+
+class Slow(Rules):
+    def recover(self, case, verdict):
+        raise KeyboardInterrupt
+"""
 FAR = {"name": "far", "hole_y_mm": [-20, -20], "grasp_roll_deg": [5, 5]}
 
 
@@ -40,7 +50,10 @@ class HandSet(SimCell):
     kind = "ur5e"
 
     def __init__(
-        self, person: AtTerminal, periods: int | None = None, fault: str = "protective_stop"
+        self,
+        person: AtTerminal,
+        periods: int | None = None,
+        fault: BaseException | str = "protective_stop",
     ) -> None:
         super().__init__()
         self.person, self.periods, self.fault = person, periods, fault
@@ -61,7 +74,9 @@ class HandSet(SimCell):
         if self.periods is not None:
             self.periods -= 1
             if self.periods == 0:
-                raise RobotFault(self.fault, "the arm has braked")
+                if isinstance(self.fault, str):
+                    raise RobotFault(self.fault, "the arm has braked")
+                raise self.fault
 
 
 class Desk:
@@ -152,6 +167,58 @@ def test_a_trial_that_was_broken_off_is_kept_apart_and_done_again(
     desk.sits_down("y", "y")
     assert attend(desk, tmp_path).complete
     assert inserted(recorded(tmp_path)) == {1: True}
+
+
+def moving(engine: Attended, folder: Path, spec: Spec) -> None:
+    engine.perform(spec, folder)  # Ctrl-C comes on the way to Fit
+
+
+def thinking(engine: Attended, folder: Path, spec: Spec) -> None:
+    own = folder / "slow.py"
+    own.write_text(SLOW)
+    engine.perform(replace(spec, reasoner=f"{own}:Slow"), folder)
+
+
+def telling(engine: Attended, folder: Path, spec: Spec) -> None:
+    def tell(execution: Execution, truth: Truth) -> None:
+        if execution.formation is Formation.FIT:
+            raise KeyboardInterrupt
+
+    engine.perform(spec, folder, on_execution=tell)
+
+
+@pytest.mark.parametrize(
+    ("during", "executed", "aborted"),
+    [(moving, 2, Formation.FIT), (thinking, 2, Formation.FIT), (telling, 3, None)],
+)
+def test_ctrl_c_keeps_what_was_done_whatever_was_going_on(
+    tmp_path: Path,
+    desk: Desk,
+    monkeypatch: pytest.MonkeyPatch,
+    during: Callable[[Attended, Path, Spec], None],
+    executed: int,
+    aborted: Formation | None,
+) -> None:
+    desk.sits_down("y")
+    left: list[SimRobot] = []
+    monkeypatch.setattr(SimRobot, "__exit__", lambda robot, *how: left.append(robot))
+    plan = experiment()
+    cell = HandSet(desk.person, LATER if during is moving else None, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt, match="is kept in") as said:
+        during(Attended(cell, plan, desk.person), tmp_path, next(plan.specs()))
+    (kept,) = (tmp_path / "aborted").iterdir()
+    assert f"'{kept}'" in str(said.value)
+    trial = store.load_trial(kept)
+    assert (trial.end_reason, len(trial.executions)) == ("fault:interrupted", executed)
+    assert "Ctrl-C" in trial.fault
+    assert left  # so it is halted
+    if aborted is None:
+        assert trial.aborted is None
+    else:
+        assert trial.aborted is not None
+        assert trial.aborted.step.formation is aborted
+        assert (trial.aborted.under_way is None) is (during is thinking)
+        assert bool(trial.aborted.motions) is (during is thinking)
 
 
 def test_a_fault_of_the_cell_is_a_result(tmp_path: Path, desk: Desk) -> None:

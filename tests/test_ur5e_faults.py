@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from a_terminal import Terminal
 from ur5e_emulated import cell_at, when_moving, with_patience_of_a_real_cell
 
 from pliant.cell import Truth
@@ -22,9 +23,11 @@ from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.pose import Pose
 from pliant.records import Execution
+from pliant.store import load_trial
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.ur5e.cell import UrCell
+from pliant.ur5e.configuration import save
 from pliant.ur5e.robot import UrRobot
 
 pytestmark = [
@@ -216,6 +219,28 @@ def test_ctrl_c_while_somebody_thinks_ends_the_trial_too(cell: UrCell, emulator:
     with pytest.raises(RobotFault) as caught, prepared(cell):
         raise KeyboardInterrupt
     assert caught.value.kind == "interrupted"
+
+
+def test_ctrl_c_at_the_terminal_leaves_what_was_done_and_an_arm_at_rest(
+    emulator: Admin, tmp_path: Path
+) -> None:
+    emulator.ask("restore")
+    file, out = tmp_path / "cell.yaml", tmp_path / "out"
+    save(file, cell_at(HOST))
+    pliant = Path(sys.executable).parent / "pliant"
+    with Terminal([pliant, "run", "--cell", file, "--out", out]) as terminal:
+        terminal.until("contact .*reached")
+        with when_moving(HOST, lambda admin: terminal.press("\x03")):
+            status, said = terminal.ended()
+    (kept,) = (out / "aborted").iterdir()
+    assert status == 130
+    assert f"what was done of the trial is kept in '{kept}'" in said.replace("\r\n", "")
+    trial = load_trial(kept)
+    assert trial.end_reason == "fault:interrupted"
+    assert [e.formation for e in trial.executions] == [Formation.APPROACH, Formation.CONTACT]
+    assert trial.aborted is not None
+    assert trial.aborted.under_way is not None
+    assert_at_rest(emulator)
 
 
 def test_a_trials_process_that_is_killed_leaves_the_arm_at_rest(

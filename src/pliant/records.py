@@ -188,8 +188,8 @@ class Execution:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Aborted:
-    """An execution that a fault ended. `under_way` is where the arm was being sent when it came;
-    None: it stood still."""
+    """An execution that a fault ended before it was judged. `under_way` is where the arm was being
+    sent when it came; None: it stood still."""
 
     step: Step
     target: Pose

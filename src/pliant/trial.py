@@ -88,11 +88,12 @@ class Run:
     reading: Callable[[Scene], Scene] = _as_it_is  # what of a measurement reaches the method
     end_reason: str = ""
     fault: str = ""
-    aborted: Aborted | None = None  # the execution during which the fault happened
+    aborted: Aborted | None = None  # the execution that was begun and not judged when it ended
     clock_s: float = 0.0  # of the robot, after the last execution
     history: list[Execution] = field(default_factory=list)
+    _begun: tuple[Step, Pose] | None = field(default=None, init=False, repr=False)
 
-    def __iter__(self) -> Iterator[Execution]:
+    def __iter__(self) -> Generator[Execution, None, None]:
         """The executions; the reasoner answers."""
         with closing(self.turns()) as turns:
             for turn in turns:
@@ -104,11 +105,14 @@ class Run:
     def turns(self) -> Generator[Question | Execution, None, None]:
         """The executions, and before each that calls for a recovery its question: for whoever
         answers in the reasoner's place. The reasoner judges."""
+        guarded = Guarded(self.robot, self.limits)
         try:
-            with Guarded(self.robot, self.limits) as robot:
+            with guarded as robot:
                 yield from self._turns(robot)
         except RobotFault as fault:
             self.end_reason, self.fault = fault.end_reason, str(fault)
+        finally:  # also when whoever takes the turns leaves, as by Ctrl-C
+            self.aborted = self._unfinished(guarded)
 
     def _turns(self, robot: Guarded) -> Iterator[Question | Execution]:
         goals = self.teaching.goals
@@ -124,8 +128,10 @@ class Run:
             step = queue.popleft()
             goals = goals.updated(step)
             target = goals.target(step.formation)
+            robot.motions.clear()
+            self._begun = step, target
             before = self._belief(None)
-            outcome = self._execute(robot, target, step, before)
+            outcome = self.skill(robot, partial(self._look, robot), target, step, before)
             belief = self._belief(outcome)
             case = Case(
                 task=self.task,
@@ -159,6 +165,7 @@ class Run:
                 admission=admission,
             )
             self.history.append(execution)
+            self._begun = None
             self.clock_s = robot.clock()
             if done:
                 self.end_reason = End.INSERTED
@@ -177,18 +184,13 @@ class Run:
             return check(self.task, outcome, self.teaching.scenes)
         return check_guided(self.task, outcome, self.teaching.scenes, belief)
 
-    def _execute(self, robot: Guarded, target: Pose, step: Step, before: Belief) -> Outcome:
-        robot.motions.clear()
-        try:
-            return self.skill(robot, partial(self._look, robot), target, step, before)
-        except RobotFault:
-            self.aborted = Aborted(
-                step=step,
-                target=target,
-                motions=tuple(robot.motions),
-                under_way=robot.under_way,
-            )
-            raise
+    def _unfinished(self, robot: Guarded) -> Aborted | None:
+        if self._begun is None:
+            return None
+        step, target = self._begun
+        return Aborted(
+            step=step, target=target, motions=tuple(robot.motions), under_way=robot.under_way
+        )
 
     def _look(self, robot: Guarded, cameras: Sequence[str] = (SIDE,)) -> Look:
         if self.sight is None:

@@ -47,6 +47,6 @@ def main() -> None:
     except BrokenPipeError:  # whoever reads, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except KeyboardInterrupt:
-        print("pliant: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(": ".join(["pliant: interrupted", *map(str, stop.args)]), file=sys.stderr)
         sys.exit(130)

@@ -10,14 +10,14 @@ from pliant import store
 from pliant.cell import Truth, Workcell
 from pliant.errors import InputError
 from pliant.experiment.engine import Ended
-from pliant.experiment.one import Spec, perform
+from pliant.experiment.one import INTERRUPTED, Spec, perform
 from pliant.experiment.plan import Experiment
 from pliant.experiment.rows import rows_of
 from pliant.experiment.work import Job, recording
 from pliant.records import Execution, Trial
 
-SKIPPED, INTERRUPTED = "fault:skipped", "fault:interrupted"
-"""How a trial ends that the person leaves for later, or stops."""
+SKIPPED = "fault:skipped"
+"""How a trial ends that the person leaves for later."""
 
 
 class Attendant(Protocol):
@@ -92,7 +92,7 @@ class Attended:
         is as for `one.perform`.
 
         Raises:
-            KeyboardInterrupt: the person stopped.
+            KeyboardInterrupt: the person stopped; it says where the trial is kept, if it had begun.
             InputError: the cell cannot be prepared, or the record cannot be written.
         """
         if self._attendant is not None:
@@ -111,9 +111,11 @@ class Attended:
         if trial.end_reason == SKIPPED:
             return None
         if trial.end_reason == INTERRUPTED:
-            if has_begun:
-                store.save_trial(_free_folder(folder / "aborted", trial.trial_id), trial)
-            raise KeyboardInterrupt
+            if not has_begun:
+                raise KeyboardInterrupt
+            kept = _free_folder(folder / "aborted", trial.trial_id)
+            store.save_trial(kept, trial)
+            raise KeyboardInterrupt(f"what was done of the trial is kept in '{kept}'")
         if not has_begun:
             raise InputError(
                 f"the cell cannot be prepared: {trial.fault}; see to it, and the same command goes"

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,9 @@ from pliant.teaching import Teaching
 from pliant.trial import Patience, Run
 from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.sight import ByColour, ByEdges, Sight
+
+INTERRUPTED = "fault:interrupted"
+"""How a trial ends that the person stops."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +62,12 @@ def perform(
     cannot even be prepared gives a trial without executions. A VLM's conversations are kept in the
     file `record`, or answered from the file `replay`.
 
+    Ctrl-C ends a trial in a real or an emulated cell as the fault "interrupted", whatever was going
+    on; a simulated one, which can be repeated exactly, is left.
+
     Raises:
         InputError: the reasoner cannot be made, or a recording cannot be used.
+        KeyboardInterrupt: in a simulated cell, or in one that was not prepared yet.
     """
     started = time.perf_counter()
     setup = spec.condition.draw(spec.seed)
@@ -86,10 +94,16 @@ def perform(
             sight=_sight(spec, teaching, colours),
             reading=Misreading(setup),
         )
-        for execution in run:
-            truths.append(cell.truth())
-            if on_execution is not None:
-                on_execution(execution, truths[-1])
+        try:
+            with closing(iter(run)) as executions:  # left early, it halts the robot
+                for execution in executions:
+                    truths.append(cell.truth())
+                    if on_execution is not None:
+                        on_execution(execution, truths[-1])
+        except KeyboardInterrupt:
+            if cell.kind == "sim":
+                raise
+            run.end_reason, run.fault = INTERRUPTED, "interrupted by Ctrl-C; the arm is halted"
         history, simulated_s = run.history, run.clock_s
         end_reason, why, aborted = run.end_reason, run.fault, run.aborted
     return Trial(

@@ -110,8 +110,10 @@ def run(
                         cell = place.put(rows.trial_id, book.append(rows), path)
                         errors += rows.trial["failure_kind"] == "fault"
                         seen.finished(cell, rows.trial["inserted"])
-            except KeyboardInterrupt:
+            except KeyboardInterrupt as stop:
                 seen.say("interrupted: what is finished is kept; the same command goes on")
+                for where in stop.args:
+                    seen.say(str(where))
         if place.done == len(experiment):
             results.write(folder, path, place.offsets)
     return Finished(total=len(experiment), done=place.done, resumed=resumed, errors=errors)
