@@ -2,6 +2,7 @@
 
 import importlib
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from stored_run import RECOVERED, store
 from pliant.export import lerobot, recording
 from pliant.export.source import open_run
 from pliant.export.track import track
-from pliant.records import Trial
+from pliant.records import Aborted, Trial
 from pliant.sim import replay
+from pliant.store import save_trial
 
 pytestmark = pytest.mark.system
 FPS = 5
@@ -33,7 +35,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def trial(folder: Path) -> Trial:
-    return store(folder)[RECOVERED]
+    """As if a fault had ended it during another execution."""
+    whole = store(folder)[RECOVERED]
+    last = whole.executions[-1].outcome
+    begun = Aborted(step=last.step, target=last.target, motions=(), under_way=last.target)
+    broken = replace(whole, aborted=begun, end_reason="fault:envelope", fault="refused a motion")
+    save_trial(folder / "trials" / whole.trial_id, broken)
+    return broken
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +114,8 @@ def test_every_verdict_and_analysis_is_in_the_log(chunks: list[Any], trial: Tria
         if execution.recovery is not None:
             analysis = execution.recovery.analysis
             assert all(w in log for w in (analysis.what, analysis.why, analysis.how))
+    number = len(trial.executions) + 1
+    assert log.endswith(f"fault:envelope during {number} Insertion: refused a motion")
 
 
 @pytest.mark.filterwarnings("ignore::Warning")  # of an experimental reader

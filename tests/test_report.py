@@ -11,7 +11,7 @@ import pytest
 from view_folders import HOSTILE, Page, ran, told
 
 from pliant.errors import InputError
-from pliant.records import End, Trial
+from pliant.records import Aborted, End, Trial
 from pliant.report import overlay, strip, video, words
 from pliant.report.canvas import FAILURE, SUCCESS
 from pliant.report.html import plain
@@ -115,6 +115,33 @@ def test_a_trial_that_failed_before_its_first_execution_has_a_page(
     write(tmp_path, fault, shipped(), video=False)
     assert "fault:lost: no answer" in page_of(tmp_path).words
     assert load_trial(tmp_path).end_reason == "fault:lost"
+
+
+def test_an_execution_that_a_fault_ended_is_shown_apart_from_those_that_were_judged(
+    trial: Trial, tmp_path: Path
+) -> None:
+    *before, last = trial.executions
+    begun = Aborted(
+        step=last.outcome.step,
+        target=last.outcome.target,
+        motions=last.outcome.motions,
+        under_way=last.outcome.target,
+    )
+    fault = replace(
+        trial,
+        executions=tuple(before),
+        truths=trial.truths[: len(before)],
+        aborted=begun,
+        end_reason="fault:protective_stop",
+        fault="the arm has braked",
+    )
+    write(tmp_path, fault, shipped(), video=False)
+    page, whole = page_of(tmp_path), tmp_path / "whole"
+    assert [c["id"] for c in page.all("article")][-2:] == [f"execution-{len(before)}", "aborted"]
+    assert f"{len(before) + 1} · {str(last.formation).capitalize()}, not finished" in page.words
+    assert "fault:protective_stop: the arm has braked" in page.words
+    write(whole, trial, shipped(), video=False)
+    assert page.data["traces"] == page_of(whole).data["traces"]  # what the arm did is all there
 
 
 @pytest.mark.parametrize("end", End)

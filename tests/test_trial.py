@@ -202,7 +202,7 @@ def test_the_robot_is_halted_when_its_watcher_walks_away() -> None:
     )
     executions = iter(run)
     next(executions)
-    executions.close()  # type: ignore[attr-defined]
+    executions.close()
     assert robot.calls[-1] == "halt"
     assert len(run.history) == 1
 

@@ -250,7 +250,8 @@ class _Teller:
         notes = Counter(x.note for e in trial.executions for x in exchanges(e) if x.note)
         for note, times in notes.items():
             self.say(f"{times} of the requests to the model: {note}")
-        fault = f" ({trial.fault})" if trial.fault else ""
+        during = f" during {trial.aborted.step.formation}" if trial.aborted is not None else ""
+        fault = f"{during} ({trial.fault})" if trial.fault else ""
         moves = sum(len(e.outcome.motions) for e in trial.executions)
         line = Text("inserted" if inserted else "not inserted", style="bold")
         line.append(f" ({by})", style="not bold")

@@ -165,6 +165,8 @@ class _Log:
             )
             for level, line in _lines(execution, truths.get(execution.index)):
                 self._recording.log("log", rr.TextLog(line, level=level))
+        if self._trial.fault:  # after the last look
+            self._recording.log("log", rr.TextLog(_broken_off(self._trial), level="ERROR"))
         self._recording.reset_time()
 
     def _document(self, path: str, text: str) -> None:
@@ -198,6 +200,14 @@ def _lines(execution: Execution, label: Label | None) -> Iterator[tuple[str, str
         really = label.kind or "success"
         differs = "" if label.success == verdict.success else " (the verdict was wrong)"
         yield "DEBUG", f"   ground truth: {really}{differs}"
+
+
+def _broken_off(trial: Trial) -> str:
+    """The fault that ended a trial, and what it ended."""
+    begun = trial.aborted
+    during = "" if begun is None else f" during {len(trial.executions) + 1} "
+    during += "" if begun is None else f"{str(begun.step.formation).capitalize()}"
+    return f"{trial.end_reason}{during}: {trial.fault}"
 
 
 def _shown(pose: Pose) -> dict[Axis, float]:

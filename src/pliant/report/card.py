@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pliant.cell import Stop, Truth
 from pliant.formations import OWNED
 from pliant.pose import Axis
-from pliant.records import Check, Evidence, Execution, Verdict
+from pliant.records import Aborted, Check, Evidence, Execution, Verdict
 from pliant.report import words
 from pliant.report.html import Html, join, tag
 from pliant.report.parts import badge, facts, notice, outcome, section, table, truth_box
@@ -61,6 +61,31 @@ def card(
         id=f"execution-{number}",
         class_=f"card {outcome(execution.verdict.success)}",
         aria_labelledby=f"title-{number}",
+    )
+
+
+def aborted(begun: Aborted, number: int, why: str) -> Html:
+    """The card of the execution that a fault ended before it was judged: it is not counted."""
+    name = str(begun.step.formation).capitalize()
+    peak = max((motion.peak_compression_m for motion in begun.motions), default=None)
+    pairs = [
+        ("step", words.step(begun.step)),
+        ("when it ended", "the arm stood still" if begun.under_way is None else "on its way"),
+        *([] if begun.under_way is None else [("to", words.pose(begun.under_way))]),
+        ("motions done", str(len(begun.motions))),
+        *([] if peak is None else [("peak compression", words.millimetres(peak))]),
+    ]
+    return tag(
+        "article",
+        tag(
+            "header",
+            tag("h3", f"{number} · {name}, not finished", id="title-aborted"),
+            badge("not judged", success=False),
+        ),
+        tag("div", section("Begun", notice(why), facts(pairs)), class_="parts"),
+        id="aborted",
+        class_="card failure",
+        aria_labelledby="title-aborted",
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pliant.conditions import NOMINAL, PAPER_RANGES
 from pliant.records import Recovery, Trial, Verdict
 from pliant.report import timeline, words
-from pliant.report.card import Media, card
+from pliant.report.card import Media, aborted, card
 from pliant.report.document import document
 from pliant.report.html import Html, join, tag
 from pliant.report.parts import badge, chapter, facts, outcome, truth_box
@@ -144,4 +144,6 @@ def _executions(trial: Trial, media: Sequence[Media], pictures: Pictures) -> Htm
         card(trial.executions, n, truths[n], media[n], pictures)
         for n in range(len(trial.executions))
     ]
+    if trial.aborted is not None:
+        cards.append(aborted(trial.aborted, len(trial.executions) + 1, words.end(trial)))
     return chapter("Executions", "executions", join(*cards))

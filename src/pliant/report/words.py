@@ -5,7 +5,7 @@ import math
 from pliant.cell import Truth
 from pliant.conditions import QUANTITIES
 from pliant.formations import Step
-from pliant.pose import Axis, Partial
+from pliant.pose import Axis, Partial, Pose
 from pliant.records import End, Trial
 
 _ENDS = {
@@ -49,6 +49,10 @@ def unit(axis: Axis) -> str:
 
 def goal(partial: Partial) -> str:
     return ", ".join(f"{axis} {in_units(axis, value)}" for axis, value in partial.items())
+
+
+def pose(at: Pose) -> str:
+    return goal({axis: at[axis] for axis in Axis})
 
 
 def step(planned: Step) -> str:
