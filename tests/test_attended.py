@@ -26,6 +26,7 @@ from pliant.experiment.rows import Row
 from pliant.experiment.runner import Finished
 from pliant.experiment.where import Where
 from pliant.formations import Formation
+from pliant.levels import FIELDS, shipped_levels
 from pliant.records import Execution
 from pliant.report import trial as report
 from pliant.sim.cell import SimCell, SimRobot
@@ -275,16 +276,43 @@ def test_a_nominal_combination_is_said_in_words(desk: Desk) -> None:
 
 def test_what_nobody_can_set_or_know_at_a_real_cell_is_refused() -> None:
     plan = experiment()
-    for changes, message in (
-        ({"conditions": ["all"]}, "draws the friction, which nobody can set"),
+    refused: list[tuple[dict[str, Any], str]] = [
+        ({"conditions": ["all"]}, "'all' on level L0 draws friction, which nobody can set"),
         (
             {"reasoners": ["oracle"], "conditions": ["pose"]},
             "the oracle plans from the whole truth",
         ),
-    ):
+        ({"skills": "guided"}, "the guided skills look with several cameras"),
+        *(
+            ({"conditions": [{"name": "own", field: [0, 0]}]}, f"level L0 draws {quantity},")
+            for field, (quantity, _) in FIELDS.items()
+            if quantity not in ("hole_y", "grasp_roll", "friction", "struck_at", "wrist_stiffness")
+        ),
+        *(
+            ({"level": level.name}, f"'none' on level {level.name} draws {', '.join(level.ranges)}")
+            for level in shipped_levels().values()
+            if level.ranges
+        ),
+    ]
+    for changes, message in refused:
         fields = {"pegs": ["circle"], "conditions": ["none"], "reasoners": ["none"], **changes}
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(InputError, match=re.escape(message)):
             replace(from_fields(fields), where=plan.where)
+    tight = {**fields, "level": "L1", "skills": "planar"}  # such a block can be screwed on
+    assert replace(from_fields(tight), where=plan.where).cells[0].task.level == "L1"
+
+
+def test_what_an_emulated_cell_lacks_is_refused_before_it_begins(tmp_path: Path) -> None:
+    file = tmp_path / "cell.yaml"
+    file.write_text(f"{EXAMPLE.read_text()}\nemulator: {{admin_port: 30100}}\n")
+    fields = {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules"]}
+    emulated = replace(from_fields(fields), where=Where(file=file))
+    for changes, message in (
+        ({"level": "L3"}, "draws hole_x, board_z, grasp_pitch, board_yaw, which nobody can set"),
+        ({"level": "L1", "skills": "planar"}, "level L1: an emulated cell has the holes of L0"),
+    ):
+        with pytest.raises(InputError, match=message):
+            replace(from_fields({**fields, **changes}), where=emulated.where)
 
 
 def test_a_cells_file_is_part_of_what_an_experiment_is(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.errors import InputError, RobotFault
 from pliant.experiment.where import Where
+from pliant.pose import Pose
 from pliant.task import Task, load_task
 from pliant.teaching import save, shipped
 from pliant.ur5e.cell import Operator
@@ -37,6 +38,7 @@ class Like(Where):
     camera_moved_m: float = 0.0
     colours_seen: Colours = Colours()  # noqa: RUF009
     goals_file: Path | None = None
+    lowest_m: float | None = None  # that a controller permits; None: there is none
 
     @property
     def colours(self) -> Colours:
@@ -64,6 +66,15 @@ class _Shifted(Guarded):
         return replace(seen, views=views)
 
 
+class _Limited(_Shifted):
+    """One whose controller has a safety plane."""
+
+    lowest_m = 0.0
+
+    def permits(self, pose: Pose) -> bool:
+        return pose.z >= self.lowest_m
+
+
 class _Cell:
     kind = "sim"
 
@@ -73,7 +84,12 @@ class _Cell:
     def prepare(self, task: Task, setup: Setup) -> Robot:
         if self._like.fault:
             raise RobotFault(self._like.fault, "scripted")
-        robot = _Shifted(prepared("circle", self._like.setup), Limits())
+        plain = prepared("circle", self._like.setup)
+        if self._like.lowest_m is not None:
+            limited = _Limited(plain, Limits())
+            limited.lowest_m = self._like.lowest_m
+            return limited
+        robot = _Shifted(plain, Limits())
         robot.camera_moved_m = self._like.camera_moved_m
         return robot
 
@@ -83,7 +99,7 @@ class _Cell:
 
 def found(where: Where) -> dict[str, Finding]:
     findings = check(where, TASK)
-    assert len({f.check for f in findings}) == len(findings) == 10
+    assert len({f.check for f in findings}) == len(findings) == 11
     assert all(f.advice for f in findings if f.state is State.FAIL)
     return {f.check: f for f in findings}
 
@@ -127,6 +143,19 @@ def test_goals_outside_the_workspace_are_found(tmp_path: Path) -> None:
     assert "fit y -150.0 mm is outside the workspace" in goals.found
 
 
+def test_goals_that_the_controllers_own_limits_exclude_are_found_one_by_one() -> None:
+    limits = found(Like(lowest_m=0.18))["safety limits"]
+    assert limits.state is State.FAIL
+    excluded = limits.found.splitlines()
+    assert [line.partition(":")[0] for line in excluded] == [
+        "insertion",
+        "insertion after a retreat",
+    ]
+    assert "z 167.6 mm" in excluded[0]
+    assert "teach these goals" in limits.advice
+    assert found(Like(lowest_m=0.0))["safety limits"].state is State.PASS
+
+
 @pytest.mark.parametrize(
     ("kind", "fails", "before"),
     [
@@ -143,7 +172,7 @@ def test_a_fault_fails_its_check_and_those_after_it_are_not_checked(
 ) -> None:
     states = [f.state for f in found(Like(fault=kind)).values()]
     assert found(Like(fault=kind))[fails].state is State.FAIL
-    expected = [State.PASS] * before + [State.FAIL] + [State.UNKNOWN] * (8 - before)
+    expected = [State.PASS] * before + [State.FAIL] + [State.UNKNOWN] * (9 - before)
     assert states == [*expected, State.PASS]  # the goals need no robot
 
 

@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.experiment.where import Where
 from pliant.formations import RECOVERABLE, Formation
 from pliant.recovery import admit
-from pliant.skills.planar import Planar
+from pliant.skills import PLANAR, skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -22,16 +22,18 @@ CIRCLE = load_task("circle")
 
 
 def test_the_plan_on_paper_is_what_a_trial_commands() -> None:
-    robot = ScriptedRobot()
+    robot, slow = ScriptedRobot(), Limits(contact_speed_m_s=0.01)
     run = Run(
         robot=robot,
         task=CIRCLE,
         teaching=shipped(),
         reasoner=ScriptedReasoner(),
-        skill=Planar(taught=shipped().goals),
+        skill=skill_set(PLANAR, CIRCLE, shipped(), slow),
+        limits=slow,
     )
     assert len(list(run)) == len(Formation)
-    nominal = [line for line in plan_of(shipped(), CIRCLE, Limits()) if not line.is_retreat]
+    nominal = [line for line in plan_of(shipped(), CIRCLE, slow) if not line.is_retreat]
+    assert {line.speed_m_s for line in nominal} == {0.05, 0.01}
     assert [line.pose for line in nominal] == robot.poses
     assert [line.speed_m_s for line in nominal] == robot.speeds
     assert [line.compression_m for line in nominal] == robot.compression_limits

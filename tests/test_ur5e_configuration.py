@@ -65,7 +65,7 @@ def test_the_examples_camera_sees_y_to_the_right_and_z_up() -> None:
 @pytest.mark.parametrize(
     ("section", "fields", "complaint"),
     [
-        ("limits", {"contact_speed_mm_s": 200}, "limits.contact_speed_mm_s is 200: .* 50"),
+        ("limits", {"contact_speed_mm_s": 200}, "limits.contact_speed_mm_s is 200: .* 20"),
         ("limits", {"speed": 5}, "there is no field 'limits.speed'"),
         ("arm", {"address": None}, "arm.address is missing"),
         ("wrist", {"sign": 2}, "wrist.sign is 2"),

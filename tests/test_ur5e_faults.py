@@ -16,15 +16,18 @@ from a_terminal import Terminal
 from ur5e_emulated import cell_at, when_moving, with_patience_of_a_real_cell
 
 from pliant.cell import Truth
+from pliant.commissioning.preflight import State, check
 from pliant.conditions import Setup, condition
 from pliant.emulator.client import Admin, started
 from pliant.errors import RobotFault
 from pliant.experiment.one import Spec, perform
+from pliant.experiment.where import Where
 from pliant.formations import Formation
 from pliant.pose import Pose
 from pliant.records import Execution
 from pliant.store import load_trial
 from pliant.task import load_task
+from pliant.teaching import save as save_goals
 from pliant.teaching import shipped
 from pliant.ur5e.cell import UrCell
 from pliant.ur5e.configuration import save
@@ -284,6 +287,24 @@ def test_a_pose_outside_the_limits_is_refused_before_anything_moves(
         assert caught.value.kind == "safety_limits"
         boxed.grant(100)
         assert np.linalg.norm((pose_of(boxed) - at)[:3]) < 2e-4
+
+
+def test_what_the_controllers_limits_exclude_is_found_before_a_trial(
+    boxed: Admin, tmp_path: Path
+) -> None:
+    boxed.ask("restore")
+    goals, file = tmp_path / "goals.yaml", tmp_path / "cell.yaml"
+    save_goals(goals, shipped())
+    goals.write_text(goals.read_text().replace("z_mm: 213.6", "z_mm: 350.0"))
+    save(file, cell_at(BOXED_HOST).model_copy(update={"goals": goals}))
+    findings = {f.check: f for f in check(Where(file=file), load_task("circle"))}
+    assert findings["goals"].state is State.PASS  # in the cell's workspace
+    limits = findings["safety limits"]
+    assert limits.state is State.FAIL
+    assert "approach: the controller's safety limits exclude" in limits.found.splitlines()[0]
+    assert all("z 350.0 mm" in line for line in limits.found.splitlines())
+    state = boxed.ask("state")
+    assert (state["safety_mode"], state["moving"]) == ("NORMAL", False)
 
 
 def test_a_trial_that_a_fault_ends_is_recorded_up_to_it(cell: UrCell, emulator: Admin) -> None:

@@ -12,12 +12,13 @@ from pliant.pose import Axis, Partial, Pose
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Where the hinge point may go [m, rad], how fast [m/s], how far the wrist may be pressed [m],
-    and how far one recovery may move a goal [m, rad]."""
+    """Where the hinge point may go [m, rad], how fast at all and where the peg may touch [m/s], how
+    far the wrist may be pressed [m], and how far one recovery may move a goal [m, rad]."""
 
     low: Pose = Pose(x=-0.03, y=-0.10, z=0.12, roll=-0.5, pitch=-0.3, yaw=-0.5)
     high: Pose = Pose(x=0.03, y=0.10, z=0.40, roll=0.5, pitch=0.3, yaw=0.5)
     speed_m_s: float = 0.10
+    contact_speed_m_s: float = 0.02  # for skills to keep: the envelope knows no contact
     compression_m: float = 0.020
     goal_step_m: float = 0.045
     goal_step_rad: float = 0.2

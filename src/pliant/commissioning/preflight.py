@@ -10,6 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import chain
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from pliant.commissioning.rehearsal import Commanded, plan_of
 from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
 from pliant.experiment.where import Where
-from pliant.pose import Axis
+from pliant.pose import Axis, Pose, describe
 from pliant.task import Task
 from pliant.vision.measure import measure
 from pliant.vision.scene import PegSeen, Scene
@@ -56,7 +57,7 @@ class Finding:
 
 
 _OF_ARM = ("connection", "safety status", "mode", "gripper", "payload", "camera")  # in this order
-_WITH_ROBOT = ("tare drift", "picture", "calibration")
+_WITH_ROBOT = ("tare drift", "picture", "calibration", "safety limits")
 
 _CHECK_OF_FAULT = {
     "power_off": "mode",
@@ -82,6 +83,8 @@ _ADVICE = {
     "picture": "peg and block must be in the picture, in good light: look at it with pliant teach,"
     " then pick the colours with pliant calibrate",
     "calibration": "pliant calibrate",
+    "safety limits": "is the task frame right? then widen the controller's safety planes at the"
+    " pendant, or teach these goals inside them",
     "goals": "teach them in this cell with pliant teach, or widen the workspace",
 }
 
@@ -95,7 +98,9 @@ def check(where: Where, task: Task) -> list[Finding]:
     findings: list[Finding] = []
     try:
         with _attached(where, task) as robot:
-            for finding in chain(_arm(where, robot), _in_the_cell(where, task, robot)):
+            for finding in chain(
+                _arm(where, robot), _in_the_cell(where, task, robot), _permitted(where, task, robot)
+            ):
                 findings.append(finding)  # one by one: a fault leaves those before it
     except RobotFault as fault:
         if fault.kind == "interrupted":
@@ -202,12 +207,48 @@ def _calibration(where: Where, task: Task, observation: Observation, scene: Scen
     return _judged("calibration", not bad, f"off by [mm] {found}{wrong}")
 
 
+@runtime_checkable
+class _Limited(Protocol):
+    """A robot whose controller has limits of its own."""
+
+    def permits(self, pose: Pose) -> bool: ...
+
+
+def _permitted(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
+    """The controller would let the arm be at every pose that the taught plan commands: a line for
+    each at which it would not."""
+    name = "safety limits"
+    if not isinstance(robot, _Limited):
+        yield Finding(check=name, state=State.NONE, found="the cell is simulated")
+        return
+    try:
+        commanded = _commanded(where, task)
+    except InputError:
+        yield _unknown(name, "the goals cannot be used")
+        return
+    excluded = dict.fromkeys(_in_words(c) for c in commanded if not robot.permits(c.pose))
+    found = "\n".join(excluded) or f"the controller permits all {len(commanded)} poses"
+    yield _judged(name, not excluded, found)
+
+
+def _in_words(line: Commanded) -> str:
+    again = " after a retreat" if line.is_retreat else ""
+    at = describe({axis: line.pose[axis] for axis in Axis})
+    return f"{line.formation}{again}: the controller's safety limits exclude {at}"
+
+
+def _commanded(where: Where, task: Task) -> list[Commanded]:
+    """Raises InputError when the goals cannot be used."""
+    path, limits = where.goals, where.limits
+    taught = teaching.shipped() if path is None else teaching.load(path, limits, where.colours)
+    return plan_of(taught.for_task(task), task, limits)
+
+
 def _goals(where: Where, task: Task) -> Finding:
     """Every pose that the taught plan commands, retreats included, lies in the workspace."""
-    path, limits = where.goals, where.limits
+    path = where.goals
     try:
-        taught = teaching.shipped() if path is None else teaching.load(path, limits, where.colours)
-        commanded = plan_of(taught.for_task(task), task, limits)
+        commanded = _commanded(where, task)
     except InputError as error:
         return _judged("goals", False, str(error))
     outside = [line for line in commanded if _is_outside(line, where)]

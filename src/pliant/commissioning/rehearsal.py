@@ -60,7 +60,7 @@ def plan_of(taught: Teaching, task: Task, limits: Limits) -> list[Commanded]:
     lines: list[Commanded] = []
     for step, is_retreat in [*nominal, *again]:
         notes = _Notes(pose=goals.target(step.formation))
-        _execute(notes, Planar(taught=goals), step)
+        _execute(notes, Planar(taught=goals, contact_speed_m_s=limits.contact_speed_m_s), step)
         lines += [
             Commanded(
                 formation=step.formation,
@@ -122,7 +122,11 @@ def air(robot: Robot, taught: Teaching, task: Task, limits: Limits) -> Iterator[
         RobotFault: the robot cannot go on.
     """
     goals = above(taught, task, limits)
-    skill = Planar(taught=goals, compression_limit_m=AIR_COMPRESSION)
+    skill = Planar(
+        taught=goals,
+        contact_speed_m_s=limits.contact_speed_m_s,
+        compression_limit_m=AIR_COMPRESSION,
+    )
     with Guarded(robot, limits) as guarded:
         for formation in Formation:
             outcome = _execute(guarded, skill, goals.step(formation))

@@ -112,9 +112,8 @@ class Experiment:
                     f"two different cells are both named {', '.join(cell.names)}: rename the peg"
                     " file, the condition or the reasoner's file of one"
                 )
-        if self.where.kind == "ur5e":
-            for cell in self.cells:
-                _check_on_arm(cell)
+        for cell in self.cells:
+            self.where.check(cell.task, cell.condition, cell.reasoner, cell.skills)
 
     def __len__(self) -> int:
         return len(self.cells) * self.trials
@@ -329,17 +328,6 @@ def _range(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]
     quantity, axis = FIELDS[field]
     low, high = (float(v) if axis is None else axis.from_report(float(v)) for v in value)
     return quantity, (low, high)
-
-
-def _check_on_arm(cell: Cell) -> None:
-    """A person can set places and angles, and nobody knows the whole truth."""
-    if "friction" in cell.condition.ranges:
-        raise InputError(
-            f"condition '{cell.condition.name}' draws the friction, which nobody can set at a real"
-            " cell: choose none or pose, or a condition of your own without it"
-        )
-    if cell.reasoner == oracle.NAME:
-        raise InputError("the oracle plans from the whole truth, which a real cell does not tell")
 
 
 def _many(value: Any) -> list[Any]:

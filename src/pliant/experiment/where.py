@@ -8,12 +8,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pliant.cell import Workcell
+from pliant.conditions import Condition
 from pliant.envelope import Limits
+from pliant.errors import InputError
+from pliant.experiment import oracle
+from pliant.skills import PLANAR
+from pliant.task import Task
 from pliant.ur5e import configuration as ur5e
 from pliant.vision.measure import SIMULATED, Colours
 
 if TYPE_CHECKING:
     from pliant.ur5e.cell import Operator
+
+_OTHERS = {
+    "ur5e": ("a real cell", ("hole_y", "grasp_roll")),
+    "emulator": ("an emulated cell", ("hole_y", "grasp_roll", "friction")),
+}
+"""The other cells by their kind: in words, and the quantities that can be set there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +56,7 @@ class Where:
             low=given.workspace.low,
             high=given.workspace.high,
             speed_m_s=given.limits.speed_mm_s * 1e-3,
+            contact_speed_m_s=given.limits.contact_speed_mm_s * 1e-3,
             compression_m=given.limits.compression_mm * 1e-3,
             goal_step_m=given.limits.goal_step_mm * 1e-3,
         )
@@ -68,6 +80,34 @@ class Where:
         content = self.configuration.model_dump(mode="json", exclude={"goals"})
         text = json.dumps(content, sort_keys=True)
         return {"kind": self.kind, "configuration": hashlib.sha256(text.encode()).hexdigest()}
+
+    def check(self, task: Task, condition: Condition, reasoner: str, skills: str) -> None:
+        """Whether trials of this kind can be had here. A person sets one place and one angle, sees
+        through one camera and does not know the whole truth; an emulated cell does as much, with
+        the paper's friction besides.
+
+        Raises:
+            InputError: they cannot.
+        """
+        if self.kind == "sim":
+            return
+        cell, known = _OTHERS[self.kind]
+        foreign = [name for name in condition.ranges if name not in known]
+        if foreign:
+            raise InputError(
+                f"condition '{condition.name}' on level {task.level} draws {', '.join(foreign)},"
+                f" which nobody can set at {cell}: choose a condition and a level that draw only"
+                f" {', '.join(known)}"
+            )
+        if self.kind == "emulator" and task.level != "L0":
+            raise InputError(f"level {task.level}: {cell} has the holes of L0 only; leave it out")
+        if skills != PLANAR:
+            raise InputError(
+                f"the {skills} skills look with several cameras, and {cell} has one: --skills"
+                f" {PLANAR}"
+            )
+        if self.kind == "ur5e" and reasoner == oracle.NAME:
+            raise InputError(f"the oracle plans from the whole truth, which {cell} does not tell")
 
     def open(self, operator: "Operator | None" = None) -> Workcell:
         """The cell itself. A real one needs an operator.

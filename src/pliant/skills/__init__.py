@@ -19,7 +19,8 @@ def skill_set(name: str, task: Task, teaching: Teaching, limits: Limits) -> Plan
         InputError: no set has that name.
     """
     if name == PLANAR:
-        return Planar(taught=teaching.goals)
+        return Planar(taught=teaching.goals, contact_speed_m_s=limits.contact_speed_m_s)
     if name == GUIDED:
-        return Guided(task=task, teaching=teaching, manner=Manner(limits=limits))
+        manner = Manner(limits=limits, contact_speed_m_s=limits.contact_speed_m_s)
+        return Guided(task=task, teaching=teaching, manner=manner)
     raise unknown("skills", name, SETS)

@@ -189,12 +189,18 @@ class Arm:
         self.check()
         self._accepted(self._control.zeroFtSensor(), "zeroing the force sensor")
 
+    def permits(self, target: Transform) -> bool:
+        """Whether the controller's own safety limits let the tool's centre point be there."""
+        self.check()
+        is_within = bool(self._control.isPoseWithinSafetyLimits(ur_pose(target)))
+        if not is_within:
+            self.check()  # False also says that the question was never answered
+        return is_within
+
     def begin(self, target: Transform, speed_m_s: float, acceleration_m_s2: float) -> None:
         """Start a straight motion; returns when it is seen to have begun."""
-        self.check()
         pose = ur_pose(target)
-        if not self._control.isPoseWithinSafetyLimits(pose):
-            self.check()  # False also says that the question was never answered
+        if not self.permits(target):
             at = ", ".join(f"{1e3 * v:.0f}" for v in pose[:3])
             raise RobotFault(
                 "safety_limits", f"the controller's safety limits exclude ({at}) mm of its base"

@@ -177,10 +177,10 @@ class UrCell:
 
     def _set_up_emulator(self, admin: AdminPort, task: Task, setup: Setup) -> None:
         peg = task.peg.name
-        if peg not in shipped_pegs() or task != load_task(peg, task.level):
+        if peg not in shipped_pegs() or task != load_task(peg):
             raise InputError(
-                f"the emulated cell has the shipped pegs only ({', '.join(shipped_pegs())}), not"
-                f" '{peg}'"
+                f"the emulated cell has the shipped pegs only ({', '.join(shipped_pegs())}) and the"
+                f" holes of level L0, not '{peg}' on {task.level}"
             )
         try:
             admin.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())

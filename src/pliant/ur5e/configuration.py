@@ -127,7 +127,7 @@ class Limits(_Section):
     """How fast, how hard, how far."""
 
     speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = 100.0
-    contact_speed_mm_s: Annotated[float, Field(gt=0.0, le=50.0)] = 20.0
+    contact_speed_mm_s: Annotated[float, Field(gt=0.0, le=20.0)] = 20.0  # faster, it stops too late
     free_above_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 10.0
     compression_mm: Annotated[float, Field(gt=0.0, le=40.0)] = 20.0
     goal_step_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 45.0

@@ -41,7 +41,7 @@ class Driver:
         """
         self._ask(m.Connect(), self._connect_s)
 
-    def ask(self, request: m.Request) -> m.Measured | m.Moved | None:
+    def ask(self, request: m.Request) -> m.Result:
         """Have a request done.
 
         Raises:
@@ -70,7 +70,7 @@ class Driver:
 
     # --- inside ----------------------------------------------------------------------------------
 
-    def _ask(self, request: m.Request, silence_s: float) -> m.Measured | m.Moved | None:
+    def _ask(self, request: m.Request, silence_s: float) -> m.Result:
         if self.fault is not None:
             raise self.fault
         try:
@@ -83,7 +83,7 @@ class Driver:
         except KeyboardInterrupt as error:
             raise self._interrupted() from error
 
-    def _answer(self, silence_s: float) -> m.Measured | m.Moved | None:
+    def _answer(self, silence_s: float) -> m.Result:
         while True:
             if not self._pipe.poll(silence_s):
                 raise self._lost(f"has given no sign of life for {silence_s:.1f} s")

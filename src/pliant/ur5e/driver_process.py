@@ -89,7 +89,7 @@ class _Driver:
 
     # --- requests --------------------------------------------------------------------------------
 
-    def _do(self, request: m.Request) -> m.Measured | m.Moved | None:
+    def _do(self, request: m.Request) -> m.Result:
         match request:
             case m.Connect():
                 self._connect()
@@ -99,6 +99,8 @@ class _Driver:
                 self._tare()
             case m.Move():
                 return self._move(request)
+            case m.Permits(pose=pose):
+                return self._here.permits(self._base_of_task @ _transform(pose))
             case m.Wait(seconds=seconds):
                 self._wait(seconds)
             case m.Measure():

@@ -35,6 +35,13 @@ class Move:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Permits:
+    """Whether the controller's own safety limits let the arm be there."""
+
+    pose: Pose
+
+
+@dataclass(frozen=True, kw_only=True)
 class Wait:
     """On the controller's clock."""
 
@@ -72,7 +79,9 @@ class Close:
     """Say goodbye."""
 
 
-Request = Connect | SetUp | Tare | Move | Wait | Measure | Fingers | Freedrive | Halt | Close
+Request = (
+    Connect | SetUp | Tare | Move | Permits | Wait | Measure | Fingers | Freedrive | Halt | Close
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +106,9 @@ class Moved:
     compressions_m: NDArray[np.float64]  # (n,)
 
 
+Result = Measured | Moved | bool | None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Alive:
     """It works on the request."""
@@ -106,7 +118,7 @@ class Alive:
 class Done:
     """The request has been done."""
 
-    result: Measured | Moved | None = None
+    result: Result = None
 
 
 @dataclass(frozen=True, kw_only=True)

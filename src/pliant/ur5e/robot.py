@@ -105,6 +105,10 @@ class UrRobot:
         and a halt end it too."""
         self._ask(m.Freedrive(on=on))
 
+    def permits(self, pose: Pose) -> bool:
+        """Whether the controller's own safety limits let the hinge point be there."""
+        return self._ask_for(bool, m.Permits(pose=pose))
+
     # --- inside ----------------------------------------------------------------------------------
 
     def _check_workspace(self, pose: Pose) -> None:
@@ -142,7 +146,7 @@ class UrRobot:
         assert isinstance(result, kind)
         return result
 
-    def _ask(self, request: m.Request) -> m.Measured | m.Moved | None:
+    def _ask(self, request: m.Request) -> m.Result:
         return self._guarded(lambda: self._driver.ask(request))
 
     def _guarded(self, call: Callable[[], T]) -> T:
