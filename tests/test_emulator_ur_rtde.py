@@ -211,15 +211,22 @@ def test_a_path_is_travelled(arm: SimpleNamespace) -> None:
     assert np.linalg.norm(np.subtract(arm.receive.getActualTCPPose(), second)[:3]) < 1e-3
 
 
-def test_a_hand_leads_the_arm_in_freedrive(arm: SimpleNamespace, emulator: Admin) -> None:
+@pytest.mark.parametrize(
+    ("begins", "ends"), [("freedriveMode", "endFreedriveMode"), ("teachMode", "endTeachMode")]
+)
+def test_a_hand_leads_the_arm_in_freedrive(
+    arm: SimpleNamespace, emulator: Admin, begins: str, ends: str
+) -> None:
     pose = aim(arm, dy=0.02)
     with pytest.raises(InputError, match="not in freedrive"):
         emulator.ask("guide", pose=pose)
-    assert arm.control.freedriveMode()
+    assert getattr(arm.control, begins)()
     assert arm.control.getFreedriveStatus() == 1
     emulator.ask("guide", pose=pose)
     until(lambda: not emulator.ask("state")["moving"])
-    assert arm.control.endFreedriveMode()
+    assert getattr(arm.control, ends)()
+    with pytest.raises(InputError, match="not in freedrive"):
+        emulator.ask("guide", pose=pose)
     assert np.linalg.norm(np.subtract(arm.receive.getActualTCPPose(), pose)[:3]) < 1e-3
 
 

@@ -1,6 +1,7 @@
 """`pliant teach` and `pliant check-cell` at an emulated UR5e, in a real terminal."""
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,7 +13,9 @@ from a_terminal import Terminal
 from teach_keys import PRESSES, Hands
 
 from pliant.emulator.client import Admin, started
-from pliant.ur5e.configuration import save
+from pliant.errors import InputError
+from pliant.pose import Pose
+from pliant.ur5e.configuration import load, save
 from pliant.ur5e.emulated import configuration_of
 
 pytestmark = [
@@ -67,6 +70,36 @@ def test_goals_taught_with_keys_at_the_arm_insert_the_peg(cell: str, tmp_path: P
     ]
     done = subprocess.run([PLIANT, "run", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_goal_is_taught_by_leading_the_arm_by_hand(
+    cell: str, emulator: Admin, tmp_path: Path
+) -> None:
+    base = load(Path(cell)).task_frame.transform[:3, 3]
+    there = Pose(y=0.026, z=0.2136, roll=math.radians(10))
+    hand = [*(there.position() + base), there.roll, 0.0, 0.0]
+    outside = [*(Pose(y=0.12, z=0.2136).position() + base), 0.0, 0.0, 0.0]
+    with Terminal([PLIANT, "teach", "--cell", cell, "--goals", str(tmp_path / "g.yaml")]) as shown:
+        Hands(shown)
+        with pytest.raises(InputError, match="not in freedrive"):
+            emulator.ask("guide", pose=hand)
+        shown.press("f")
+        shown.until("lead the arm by hand")
+        emulator.ask("guide", pose=hand)
+        shown.until(r"(?m)^y +0\.0 +(25\.9|26\.0)\d ")
+        shown.press("f")
+        shown.until("the arm is held")
+        with pytest.raises(InputError, match="not in freedrive"):
+            emulator.ask("guide", pose=hand)
+        shown.press("\r")
+        shown.until(r"approach recorded: y 2[56]\.\d mm, z 213\.\d mm, roll (9\.9|10\.0) deg")
+        shown.press("f")
+        shown.until("lead the arm by hand")
+        emulator.ask("guide", pose=outside)
+        shown.until("the arm is held")  # at the workspace's edge
+        shown.press("q")
+        _, said = shown.ended()
+    assert "halted; 1 of 5 formations are taught" in said
 
 
 def test_ctrl_c_during_a_motion_halts_the_arm(cell: str, emulator: Admin, tmp_path: Path) -> None:

@@ -260,10 +260,10 @@ class Program:
     def _freedrive(self) -> None:
         self._c.freedrive = True
 
-    def _end_freedrive(self) -> Iterator[None]:
+    def _end_freedrive(self) -> None:
+        """The arm brakes where it was led; the script goes on."""
         self._c.freedrive = False
         self._c.motion.brake(_CONTACT_STOP, joints=False)
-        yield from self._rest()
 
     # --- set-up and questions --------------------------------------------------------------------
 

@@ -155,6 +155,8 @@ class _Driver:
         if on is not self._is_guided:
             self._here.freedrive(on)
             self._is_guided = on
+            if not on:
+                self._come_to_rest()
 
     def _halt(self, why: str) -> None:
         if why:
