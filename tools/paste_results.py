@@ -17,7 +17,13 @@ from pliant.experiment.bench import table as bench
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduce" / "results"
-DOCUMENTS = ("README.md", "docs/assumptions.md", "docs/bench-reasoner.md", "docs/ladder.md")
+DOCUMENTS = (
+    "README.md",
+    "docs/assumptions.md",
+    "docs/bench-reasoner.md",
+    "docs/ladder.md",
+    "docs/real-cell.md",
+)
 
 
 def block(name: str) -> str:
