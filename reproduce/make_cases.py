@@ -202,7 +202,7 @@ class State:
 
 
 _PHYSICS = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart")
-_HELD = ("_q", "_commanded", "_free_hang")  # none is changed in place
+_HELD = ("_q", "_commanded", "_free_hang", "_tared")  # none is changed in place
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -169,7 +169,7 @@ def test_instructions_hold_the_task_and_the_limits_in_words() -> None:
     task = failed().task
     for plan in Plans:
         settings = replace(PAPER, plan=plan, step_limit_mm=25.0)
-        text = prompt.instructions(settings, task, "analyse", f"plan_{plan}")
+        text = prompt.instructions(settings, failed(), "analyse", f"plan_{plan}")
         assert "25 mm" in text or "±25" in text
         assert "$" not in text
         assert f"the {task.peg.name}" in text

@@ -23,6 +23,7 @@ DOCUMENTS = (
     "docs/bench-reasoner.md",
     "docs/ladder.md",
     "docs/real-cell.md",
+    "docs/scenarios.md",
 )
 
 
@@ -38,6 +39,8 @@ def block(name: str) -> str:
         if table in ("kind", "formation"):
             return bench.grouped(scores, table)
         return bench.judging(scores) if table == "judging" else bench.planning(scores)
+    if run == "scenarios":
+        return tables_text.scenarios(json.loads((RESULTS / f"scenarios_{table}.json").read_text()))
     if run == "ladder":
         return tables_text.ladder(json.loads((RESULTS / f"ladder_{table}.json").read_text()))
     if run == "table4":

@@ -54,6 +54,10 @@ def _share(meaning: str) -> Quantity:
     return Quantity(nominal=0.0, valid=(0.0, 1.0), unit=None, meaning=meaning)
 
 
+def _flag(meaning: str) -> Quantity:
+    return _share(f"above 0.5: {meaning}")
+
+
 def _size(most: float, meaning: str) -> Quantity:
     return Quantity(nominal=0.0, valid=(0.0, most), unit=_MM, meaning=meaning)
 
@@ -70,8 +74,8 @@ QUANTITIES: Mapping[str, Quantity] = {
     "board_z": _length(0.02, "the board's surface above the nominal"),
     "board_yaw": _angle(15, "the board's angle about z"),
     "grasp_pitch": _angle(10, "the peg's angle in the grasp about y"),
-    "looks": _share("above 0.5: colours, textures, light, noise and camera places are random"),
-    "occluder": _share("above 0.5: a post before the side and one before the front camera"),
+    "looks": _flag("colours, textures, light, noise and camera places are random"),
+    "occluder": _flag("a post before the side and one before the front camera"),
     "stale": _share("share of pictures that are the one before, with its time stamp"),
     "misread": _share("share of the hole's measurements that are 10 mm off"),
     "board_shift": _size(0.02, "how far the board is pushed when it is struck"),
@@ -87,6 +91,15 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "wrist_stiffness": _factor(0.2, 5.0, "the wrist's stiffness on every axis, as a factor"),
     "compression_noise": _size(0.002, "standard deviation of a reading of the wrist's compression"),
+    "peg_missing": _flag("the gripper holds no peg"),
+    "peg_wider": _size(
+        0.02, "how much wider along x the peg is, which then is a box; 0: it is right"
+    ),
+    "plugged_at": _size(0.05, "how far below the surface the hole is plugged; 0: it is not"),
+    "bar_height": _size(0.02, "height of a steel bar across the board; 0: there is none"),
+    "bar_y": _length(0.04, "that bar's middle along y from the hole's", two_sided=True),
+    "hole_misread": _length(0.02, "how far off every reading of the hole's y is", two_sided=True),
+    "compression_dead": _flag("the wrist's compression always reads the same"),
 }
 """What may differ from plan in a trial. The first three are the paper's."""
 
@@ -132,6 +145,13 @@ class Setup:
     struck_at: float = 8.0
     wrist_stiffness: float = 1.0
     compression_noise: float = 0.0
+    peg_missing: float = 0.0
+    peg_wider: float = 0.0
+    plugged_at: float = 0.0
+    bar_height: float = 0.0
+    bar_y: float = 0.0
+    hole_misread: float = 0.0
+    compression_dead: float = 0.0
 
     def quantities(self) -> dict[str, float]:
         """Every quantity by its name, drawn or nominal."""

@@ -1,7 +1,9 @@
-"""The ladder: named levels of difficulty, as data (`levels.yaml`), on top of the paper's grid.
+"""The ladder: named levels of difficulty, as data (`levels.yaml`), on top of the paper's grid; and
+scenarios that rules are not written for (`scenarios.yaml`), which are run in the same way.
 
 A level sets the hole's clearance and the depth that counts as inserted, adds to what a condition
-draws, and names the skills that its axes need and the pegs that it is measured with.
+draws, and names the skills that its axes need and the pegs that it is measured with. A scenario
+says besides what is right in it.
 """
 
 from collections.abc import Mapping
@@ -16,13 +18,15 @@ from pliant.errors import unknown
 from pliant.pose import Axis
 
 COLOUR, EDGES = "colour", "edges"
+INSERT, STOP, EITHER = "insert", "stop", "either"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
     """A rung: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion, `ranges` that
     are drawn besides a condition's own, the `skills` that are used unless others are asked for, and
-    the `senses` that measure its pictures."""
+    the `senses` that measure its pictures. `right` is what a method should do in the end: insert,
+    stop and say so, or either."""
 
     name: str
     tests: str
@@ -32,6 +36,8 @@ class Level:
     skills: str
     senses: str
     pegs: tuple[str, ...]
+    right: str = INSERT
+    is_scenario: bool = False
 
     def on(self, condition: Condition) -> Condition:
         """A condition with what the level draws besides. Where both draw a quantity, a condition of
@@ -54,10 +60,13 @@ def load_level(name: str) -> Level:
 
 @cache
 def shipped_levels() -> Mapping[str, Level]:
-    """Every level by its name, from the lowest rung."""
-    text = (files("pliant") / "levels.yaml").read_text()
+    """Every level by its name, from the lowest rung, and then the scenarios."""
+    rungs, scenarios = (
+        yaml.safe_load((files("pliant") / name).read_text())
+        for name in ("levels.yaml", "scenarios.yaml")
+    )
     levels: dict[str, Level] = {}
-    for name, fields in yaml.safe_load(text).items():
+    for name, fields in {**rungs, **scenarios}.items():
         ranges: dict[str, tuple[float, float]] = {}
         for other in fields.get("like", []):
             ranges.update(levels[other].ranges)
@@ -75,6 +84,8 @@ def shipped_levels() -> Mapping[str, Level]:
             skills=fields.get("skills", "guided"),
             senses=fields.get("senses", COLOUR),
             pegs=tuple(fields.get("pegs", ("circle", "square", "rectangle"))),
+            right=fields.get("right", INSERT),
+            is_scenario=name in scenarios,
         )
     return levels
 

@@ -53,7 +53,8 @@ def experiment(
             (path/to/file.py:Class).
         trials: per cell; default 30.
         first_seed: default 1; seeds pair across cells.
-        level: the rung of the ladder, L0 to L8; L0 is the paper's grid.
+        level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
+            paper's grid.
         skills: planar (the paper's) or guided; default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
         cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,

@@ -62,7 +62,8 @@ def run(
         seed: decides every drawn quantity.
         reasoner: rules, messages, sweep, retry, none, oracle, vlm, or your own as
             path/to/file.py:Class.
-        level: the rung of the ladder, L0 to L8; L0 is the paper's grid.
+        level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
+            paper's grid.
         skills: planar (the paper's) or guided; default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
         cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,

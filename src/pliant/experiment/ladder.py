@@ -1,4 +1,5 @@
-"""The ladder's table: a row per level, skill set and reasoner, over all pegs and conditions."""
+"""The ladder's tables: a row per level or scenario, skill set and reasoner, over all pegs and
+conditions."""
 
 from collections.abc import Iterable, Sequence
 from statistics import median
@@ -6,26 +7,43 @@ from typing import Any
 
 from pliant.experiment import measures
 from pliant.experiment.measures import Row
-from pliant.levels import shipped_levels
+from pliant.levels import INSERT, STOP, Level, shipped_levels
+from pliant.records import End
 
 PAPERS_LEVEL, PAPERS_SKILLS = "L0", "planar"
+_Key = tuple[str, str, str]  # level, skills, reasoner
 
 
 def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
     """Success, wrong verdicts, motions and simulated time of each level; empty for the paper's
     grid with the paper's skills, which Table II shows."""
-    groups: dict[tuple[str, str, str], list[Row]] = {}
+    groups = [(k, g) for k, g in _groups(trials) if not _is_scenario(k[0])]
+    if all(key[:2] == (PAPERS_LEVEL, PAPERS_SKILLS) for key, _ in groups):
+        return []
+    return [_row(key, group) for key, group in groups]
+
+
+def scenarios(trials: Iterable[Row]) -> list[dict[str, Any]]:
+    """How the trials of each scenario ended, and how many of them as is right there."""
+    return [_scenario(key, group) for key, group in _groups(trials) if _is_scenario(key[0])]
+
+
+def _groups(trials: Iterable[Row]) -> list[tuple[_Key, list[Row]]]:
+    groups: dict[_Key, list[Row]] = {}
     for trial in trials:
         key = (trial["level"], trial.get("skills") or PAPERS_SKILLS, trial["reasoner"])
         groups.setdefault(key, []).append(trial)
-    if all(key[:2] == (PAPERS_LEVEL, PAPERS_SKILLS) for key in groups):
-        return []
     order = list(shipped_levels())
     ranked = sorted(groups, key=lambda key: order.index(key[0]) if key[0] in order else len(order))
-    return [_row(key, groups[key]) for key in ranked]
+    return [(key, groups[key]) for key in ranked]
 
 
-def _row(key: tuple[str, str, str], trials: Sequence[Row]) -> dict[str, Any]:
+def _is_scenario(level: str) -> bool:
+    known = shipped_levels().get(level)
+    return known is not None and known.is_scenario
+
+
+def _row(key: _Key, trials: Sequence[Row]) -> dict[str, Any]:
     level, skills, reasoner = key
     pegs = list(dict.fromkeys(t["peg"] for t in trials))
     return {
@@ -45,3 +63,30 @@ def _row(key: tuple[str, str, str], trials: Sequence[Row]) -> dict[str, Any]:
         },
         "failure_kinds": measures.kinds(trials),
     }
+
+
+def _scenario(key: _Key, trials: Sequence[Row]) -> dict[str, Any]:
+    name, skills, reasoner = key
+    level = shipped_levels()[name]
+    ends = [str(t["end_reason"]) for t in trials]
+    return {
+        "scenario": name,
+        "skills": skills,
+        "reasoner": reasoner,
+        "n": len(trials),
+        "right": level.right,
+        "rightly": measures.rate(_is_right(t, level) for t in trials),
+        "inserted": measures.rate(measures.inserted(t) for t in trials),
+        "stopped": measures.rate(end == End.STOPPED for end in ends),
+        "exhausted": measures.rate(end in (End.EXHAUSTED, End.REFUSED) for end in ends),
+        "cap": measures.rate(end == End.CAP for end in ends),
+        "false_accepts": measures.rate(t["judged"] and not measures.inserted(t) for t in trials),
+        "executions": sum(t["executions"] for t in trials) / len(trials),
+        "simulated_s": median(t["simulated_s"] for t in trials),
+    }
+
+
+def _is_right(trial: Row, level: Level) -> bool:
+    stopped = str(trial["end_reason"]) == End.STOPPED
+    inserted = bool(measures.inserted(trial)) and bool(trial["judged"])
+    return (stopped and level.right != INSERT) or (inserted and level.right != STOP)

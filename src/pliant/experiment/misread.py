@@ -1,7 +1,9 @@
-"""A fault of measuring, on purpose: now and then the hole is read 10 mm beside where it is.
+"""A fault of measuring, on purpose: now and then the hole is read 10 mm beside where it is, or
+always by as much.
 
 The picture is right and so is everything else in it: what a bad segmentation or a mirror-like
-surface does. A method sees it in no single reading, but can in a row of them.
+surface does, or a camera that was moved. A method sees it in no single reading, but can in a row of
+them where some are right, and by what touch tells where none is.
 """
 
 from dataclasses import replace
@@ -14,18 +16,21 @@ MISREAD_BY = 0.010  # [m] along y, to either side
 
 
 class Misreading:
-    """Wrong in a trial's share of the readings (`Setup.misread`): which ones, the seed decides."""
+    """Wrong in a trial's share of the readings (`Setup.misread`): which ones, the seed decides; and
+    in all of them by `Setup.hole_misread`."""
 
     def __init__(self, setup: Setup) -> None:
-        self._share = setup.misread
+        self._share, self._always = setup.misread, setup.hole_misread
         self._random = setup.stream("misread")
 
     def __call__(self, scene: Scene) -> Scene:
         """A reading as it reaches the method."""
         chance, side = self._random.uniform(size=2)
-        if scene.hole is None or chance >= self._share:
-            return scene
-        return replace(scene, hole=_moved(scene.hole, MISREAD_BY if side < 0.5 else -MISREAD_BY))
+        now = (MISREAD_BY if side < 0.5 else -MISREAD_BY) if chance < self._share else 0.0
+        by = self._always + now
+        return (
+            scene if scene.hole is None or not by else replace(scene, hole=_moved(scene.hole, by))
+        )
 
 
 def _moved(hole: HoleSeen, by: float) -> HoleSeen:

@@ -54,7 +54,7 @@ _CANNOT_DECIDE = (
     *("cli", "calibration", "commissioning", "report", "export", "envs", "emulator"),
     *("experiment", "store.py"),
 )
-_DECIDE = ("one.py", "oracle.py", "rows.py")  # of the experiment's own
+_DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py")  # of the experiment's own
 
 
 @dataclass(frozen=True, kw_only=True)

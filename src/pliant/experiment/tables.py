@@ -51,6 +51,7 @@ def build(folder: Path) -> Document:
     for executions in results.each_trials_executions(folder):
         owner[executions[0]["trial_id"]].add(executions)
     ordered = _in_the_papers_order(cells.values())
+    trials = [trial for cell in ordered for trial in cell.trials]
     return {
         "schema": SCHEMA,
         "paper": {"source": paper.source(), "reasoner": paper.REASONER},
@@ -58,7 +59,8 @@ def build(folder: Path) -> Document:
         "placed": _table4(ordered),
         "transitions": _transitions(ordered),
         "pairs": _pairs(ordered),
-        "ladder": ladder.rows(trial for cell in ordered for trial in cell.trials),
+        "ladder": ladder.rows(trials),
+        "scenarios": ladder.scenarios(trials),
     }
 
 

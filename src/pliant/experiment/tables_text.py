@@ -1,6 +1,6 @@
 """The tables as Markdown, for a terminal, a file or the README."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from pliant.experiment.columns import KINDS
@@ -10,6 +10,7 @@ Document = Mapping[str, Any]
 REFERENCE = "rules"
 """Against whom reasoners are shown in each cell; the first one where it is not there."""
 
+_RIGHT = {"insert": "insert", "stop": "stop", "either": "insert or stop"}
 _PAPERS = ("paper's F, G [%]", "paper's fit, align, insertion")
 _SIMULATED = ("sim", "emulator")
 _CELLS = {
@@ -28,7 +29,8 @@ def markdown(document: Document) -> str:
         " which reasoner made it. Percentages stand with their n and 95 % Wilson interval. F is"
         " judged inserted, G truly inserted. A trial that a fault ended counts as not inserted.",
         *_where(cells),
-        *_ladder_section(document.get("ladder", [])),
+        *_section("The ladder: all pegs of a level together", ladder, document, "ladder"),
+        *_section("Scenarios: what was right, and how it ended", scenarios, document, "scenarios"),
         "## Table II: success, and average extra executions",
         table2(cells),
         "## Table III: from the failed formation to the first of its plan [%]",
@@ -65,8 +67,11 @@ def table2(cells: Sequence[Document]) -> str:
     return f"{text}\n\nJudged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
 
 
-def _ladder_section(rows: Sequence[Document]) -> list[str]:
-    return ["## The ladder: all pegs of a level together", ladder(rows)] if rows else []
+def _section(
+    title: str, table: Callable[[Sequence[Document]], str], document: Document, name: str
+) -> list[str]:
+    rows = document.get(name, [])
+    return [f"## {title}", table(rows)] if rows else []
 
 
 def ladder(rows: Sequence[Document]) -> str:
@@ -80,6 +85,22 @@ def ladder(rows: Sequence[Document]) -> str:
             + [f"{r['wrong']['percent']:.1f}", f"{r['false_accepts']['percent']:.1f}"]
             + [f"{r['executions']:.1f}", f"{r['moves']:.0f}", f"{r['simulated_s']:.0f}"]
             + [", ".join(f"{n} {kind}" for kind, n in r["failure_kinds"].items()) or "–"]
+            for r in rows
+        ],
+    )
+
+
+def scenarios(rows: Sequence[Document]) -> str:
+    """A row per scenario, skill set and reasoner: how often it ended as is right, and otherwise."""
+    header = ["scenario", "reasoner", "right is to", "ended so [%]", "inserted", "stopped"]
+    header += ["ten failures", "cap", "false accepts", "executions", "simulated time [s]"]
+    counted = ("inserted", "stopped", "exhausted", "cap", "false_accepts")
+    return _table(
+        header,
+        [
+            [r["scenario"], r["reasoner"], _RIGHT[r["right"]], _rate(r["rightly"])]
+            + [str(r[name]["successes"]) for name in counted]
+            + [f"{r['executions']:.1f}", f"{r['simulated_s']:.0f}"]
             for r in rows
         ],
     )

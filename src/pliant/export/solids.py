@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.sim import model as m
+from pliant.sim.strange import STRANGE, is_drawn
 
 _ARM, _GRIPPER = "robot", "gripper"
 _SIDES = 48  # of a cylinder
@@ -26,11 +27,12 @@ class Solid:
 
 
 def solids(model: mujoco.MjModel) -> list[Solid]:
-    """Everything that is fixed to a body; the table, which is fixed to the world, is left out."""
+    """Everything that is drawn and fixed to a body; the table, which is fixed to the world, is left
+    out."""
     parts: dict[str, list[Solid]] = {}
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
-        if body == 0:
+        if body == 0 or not is_drawn(model, geom):
             continue
         part = _solid(model, geom, _name(model, geom, body), body)
         parts.setdefault(part.name, []).append(part)
@@ -43,7 +45,7 @@ def _name(model: mujoco.MjModel, geom: int, body: int) -> str:
         return name
     if name == m.WRIST:
         return _GRIPPER if str(model.geom(geom).name).startswith("gripper_") else m.WRIST
-    return f"{_ARM}/{name}"
+    return name if name in STRANGE else f"{_ARM}/{name}"
 
 
 def _solid(model: mujoco.MjModel, geom: int, name: str, body: int) -> Solid:

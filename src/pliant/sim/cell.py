@@ -59,7 +59,8 @@ class SimCell:
         return self._robot
 
     def truth(self) -> Truth:
-        """Ground truth now. Nothing that the method holds can reach it."""
+        """Ground truth now. Nothing that the method holds can reach it. A peg that is missing is
+        taken where it would be, and never inserted."""
         robot, task = self._prepared()
         data, model = robot.data, robot.model
         mujoco.mj_kinematics(model, data)
@@ -70,15 +71,16 @@ class SimCell:
         depth = float(hole[2] - tip[2])
         inside = contains(hole_outline(task.peg, task.hole), ((tip - hole) @ board)[:2])
         low = tip + rotation @ self._low_corner(task, rotation)
+        there = robot.setup.peg_missing == 0.0
         near = contains(hole_outline(task.peg, task.hole, grown=0.001), ((low - hole) @ board)[:2])
         return Truth(
-            inserted=inside and depth >= task.depth,
+            inserted=there and inside and depth >= task.depth,
             depth_m=depth,
             tip=(float(tip[0]), float(tip[1]), float(tip[2])),
             tilt_rad=angles_from(board.T @ rotation)[0],
             hole_y=float(hole[1]),
             compression_m=robot.pressed(),
-            fit=bool(low[2] < hole[2] - 0.001) and near,
+            fit=there and bool(low[2] < hole[2] - 0.001) and near,
         )
 
     def trajectory(self) -> Trajectory:
@@ -134,7 +136,7 @@ class SimRobot:
         self._site = self.model.site(m.HINGE_SITE).id
         self.tip_site = self.model.site(m.TIP_SITE).id
         self.peg_body, self.board_body = self.model.body(m.PEG).id, self.model.body(m.BOARD).id
-        self._free_hang = 0.0
+        self._free_hang = self._tared = 0.0  # where the slide is at rest, and is felt to be [m]
         self._sensor = Sensor(self.setup, 0.0)
         self._stale = self.setup.stream("stale")
         self._last: dict[str, View] = {}  # picture of each camera
@@ -213,7 +215,7 @@ class SimRobot:
             self._control()
 
     def tare(self) -> None:
-        self._free_hang = float(self.data.qpos[self._slide])
+        self._free_hang, self._tared = float(self.data.qpos[self._slide]), self._felt()
 
     def clock(self) -> float:
         return float(self.data.time)
@@ -256,15 +258,18 @@ class SimRobot:
 
     def compression(self) -> float:
         """Of the wrist along its axis, from free hang [m], as it is read."""
-        return float(self.data.qpos[self._slide]) + self._sensor.noise - self._free_hang
+        return self._felt() + self._sensor.noise - self._tared
 
     def pressed(self) -> float:
-        """What `compression` would be without noise: the experiment's side [m]."""
+        """What `compression` would be from a perfect sensor: the experiment's side [m]."""
         return float(self.data.qpos[self._slide]) - self._free_hang
 
     def _watched(self) -> float:
         """The compression on which a motion's limit is watched [m]."""
-        return self._sensor.watched(float(self.data.qpos[self._slide])) - self._free_hang
+        return self._sensor.watched(self._felt()) - self._tared
+
+    def _felt(self) -> float:
+        return self._sensor.felt(float(self.data.qpos[self._slide]))
 
     # --- inside ----------------------------------------------------------------------------------
 
@@ -321,7 +326,7 @@ class SimRobot:
                 mujoco.mj_step(model, data)
         else:
             mujoco.mj_step(model, data, _STEPS_PER_CONTROL)
-        self._sensor.read(float(data.qpos[self._slide]))
+        self._sensor.read(self._felt())
         self._controls += 1
         if self._controls % _CONTROLS_PER_FRAME == 0:
             self._keep_frame()

@@ -26,6 +26,8 @@ SOLREF: Final = (0.004, 1.0)  # [s], ratio; [F24] has 0.02 on the peg, which sin
 SOLIMP: Final = (0.99, 0.999, 0.0001, 0.5, 2.0)  # stiff within 0.1 mm of touch [OWN]
 CONDIM: Final = 4  # [F24]
 IMPRATIO: Final = 10.0  # [MEN] 2F-85
+HOLE_BITS: Final = (2, 4)  # contype, conaffinity: only peg and fingers meet the board
+PEG_BITS: Final = (4, 2)
 TIMESTEP: Final = 0.002  # [s] [F24]
 ROUND_HOLE_SIDES: Final = 12  # flats at +-y, as a 12-gon around the peg's circle [F24]
 
@@ -39,6 +41,7 @@ HOME_ABOVE_BOARD: Final = 0.06  # [m] of the peg's tip, before a trial [OWN]
 # Looks. -------------------------------------------------------------------------------------------
 PEG_RGBA: Final[Rgba] = (0.0, 0.7, 0.7, 1.0)  # cyan [F24], [PAP] Sec. V-A
 BLOCK_RGBA: Final[Rgba] = (0.75, 0.05, 0.05, 1.0)  # red [F24], [PAP] Sec. V-A
+STRANGE_RGBA: Final[Rgba] = (0.45, 0.45, 0.48, 1.0)  # steel: what does not belong there [OWN]
 CAMERAS: Final = ("side", "front", "oblique", "wide")
 IMAGE_SIZE: Final = (640, 480)  # [px] [OWN]
 SIDE_CAMERA_DISTANCE: Final = 1.2  # [m] from the hole's axis along +x [OWN]
@@ -47,3 +50,15 @@ SIDE_CAMERA_FOVY: Final = 15.0  # [deg] [OWN]
 OBLIQUE_CAMERA_ELEVATION: Final = math.radians(55)  # [OWN]
 OBLIQUE_CAMERA_FOVY: Final = 13.0  # [deg] [OWN]
 WIDE_CAMERA_FOVY: Final = 36.0  # [deg] [OWN]
+
+
+def contact(bits: tuple[int, int]) -> dict[str, object]:
+    """A geom's contact parameters, the same for every peg and hole; contype and conaffinity."""
+    return {
+        "contype": bits[0],
+        "conaffinity": bits[1],
+        "condim": CONDIM,
+        "friction": list(FRICTION),
+        "solref": list(SOLREF),
+        "solimp": list(SOLIMP),
+    }

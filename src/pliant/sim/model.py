@@ -11,6 +11,7 @@ import numpy as np
 
 from pliant.pose import Axis
 from pliant.sim import constants as c
+from pliant.sim import strange
 from pliant.sim.assets import UR5E, menagerie_file
 from pliant.sim.board import (
     area,
@@ -38,7 +39,6 @@ BOARD, PEG, WRIST = "board", "peg", "wrist"
 GRASP, WRIST_STIFFNESS = "grasp", "wrist_stiffness"  # what a trial's setup changes, as it was built
 SPRINGS = 3
 _BLACK, _STEEL = [0.12, 0.12, 0.13, 1], [0.75, 0.77, 0.8, 1]
-_HOLE_BITS, _PEG_BITS = (2, 4), (4, 2)  # contype, conaffinity: only peg and fingers meet the board
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,10 @@ def build(task: Task) -> mujoco.MjModel:
     _board(spec, task)
     _surroundings(spec)
     add_textures(spec)
-    return spec.compile()
+    strange.add(spec, task, PEG, BOARD)
+    model = spec.compile()
+    strange.put_away(model)
+    return model
 
 
 def _options(spec: mujoco.MjSpec) -> None:
@@ -183,14 +186,13 @@ def _gripper(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
         mujoco.mju_mulQuat(quaternion, down, part.quaternion)
         common = {"name": f"gripper_{part.name}", "pos": mount + position, "quat": quaternion}
         if part.mesh is None:
-            contype, conaffinity = _PEG_BITS
             wrist.add_geom(
                 **common,
                 type=mujoco.mjtGeom.mjGEOM_BOX,
                 size=part.half_size,
                 rgba=part.rgba,
                 mass=0,
-                **_contact(contype, conaffinity),
+                **c.contact(c.PEG_BITS),
             )
             continue
         mesh = f"gripper_{part.mesh.stem}"
@@ -209,17 +211,6 @@ def _gripper(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
         )
 
 
-def _contact(contype: int, conaffinity: int) -> dict[str, object]:
-    return {
-        "contype": contype,
-        "conaffinity": conaffinity,
-        "condim": c.CONDIM,
-        "friction": list(c.FRICTION),
-        "solref": list(c.SOLREF),
-        "solimp": list(c.SOLIMP),
-    }
-
-
 def _peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
     """The peg, fixed in the grasp at an angle that a trial sets through `body_quat`."""
     peg = task.peg
@@ -228,7 +219,6 @@ def _peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
     spec.add_numeric(name=GRASP, data=grasp)
     half = peg.length / 2
     center = [0, 0, task.peg_top_above_grasp - half]
-    contype, conaffinity = _PEG_BITS
     for i, (shape, share) in enumerate(_peg_shapes(spec, peg)):
         body.add_geom(
             name=f"{PEG}{i}" if i else PEG,
@@ -236,7 +226,7 @@ def _peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
             mass=c.PEG_MASS * share,
             rgba=list(c.PEG_RGBA),
             **shape,
-            **_contact(contype, conaffinity),
+            **c.contact(c.PEG_BITS),
         )
     body.add_site(name=TIP_SITE, pos=[0, 0, task.peg_top_above_grasp - peg.length], group=4)
 
@@ -268,7 +258,6 @@ def _is_rectangle(outline: np.ndarray) -> bool:
 
 def _board(spec: mujoco.MjSpec, task: Task) -> None:
     board = spec.worldbody.add_body(name=BOARD)
-    contype, conaffinity = _HOLE_BITS
     for i, vertices in enumerate(hole_prisms(task.peg, task.hole)):
         if task.peg.radius is not None or _is_rectangle(np.array(task.peg.outline)):
             spec.add_mesh(name=f"board{i}", uservert=vertices.ravel())
@@ -279,7 +268,7 @@ def _board(spec: mujoco.MjSpec, task: Task) -> None:
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=f"board{i}",
             rgba=list(c.BLOCK_RGBA),
-            **_contact(contype, conaffinity),
+            **c.contact(c.HOLE_BITS),
         )
 
 

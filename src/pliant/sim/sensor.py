@@ -1,7 +1,8 @@
 """How the simulated robot reads its wrist: exactly, or with noise that a filter then takes out of
 what the compression limit is watched on, as a real controller's does.
 
-The filter lags by 30 ms: at 50 mm/s a limit is then passed by 1.5 mm before it is noticed.
+The filter lags by 30 ms: at 50 mm/s a limit is then passed by 1.5 mm before it is noticed. A dead
+sensor feels nothing of what happens after the trial's begin.
 """
 
 import math
@@ -12,6 +13,7 @@ from pliant.sim import constants as c
 _FILTER_S = 0.030  # of the first-order low pass
 _SHARE = -math.expm1(-c.CONTROL_PERIOD / _FILTER_S)  # of a new reading
 _CAUGHT_UP_S = 4 * _FILTER_S
+_ON = 0.5  # a quantity that is 0 or 1 counts as 1 above
 _DEVIATIONS = 4.0  # of the filtered noise
 
 
@@ -20,6 +22,7 @@ class Sensor:
 
     def __init__(self, setup: Setup, slide: float) -> None:
         self._sd = setup.compression_noise
+        self._dead_at = slide if setup.compression_dead > _ON else None
         self._random = setup.stream("compression_noise")
         self._filtered = slide
         self.noise = 0.0  # of the last reading
@@ -27,8 +30,12 @@ class Sensor:
         self.margin = _DEVIATIONS * self._sd * math.sqrt(_SHARE / (2.0 - _SHARE))
         self.delay_s = _CAUGHT_UP_S if self._sd else 0.0  # until it has caught up after a stop
 
+    def felt(self, slide: float) -> float:
+        """Where the sensor feels the slide that is truly there."""
+        return slide if self._dead_at is None else self._dead_at
+
     def read(self, slide: float) -> None:
-        """Take a reading of the slide, which is truly there."""
+        """Take a reading of the slide, which is felt there."""
         if self._sd:
             self.noise = self._sd * float(self._random.standard_normal())
             self._filtered += _SHARE * (slide + self.noise - self._filtered)

@@ -16,6 +16,7 @@ from pliant.conditions import Setup
 from pliant.pose import rotation_matrix
 from pliant.sim import constants as c
 from pliant.sim import model as m
+from pliant.sim import strange
 
 STRIKE_S = 0.3
 
@@ -23,6 +24,7 @@ STRIKE_S = 0.3
 def apply(model: mujoco.MjModel, setup: Setup, time_s: float = 0.0) -> None:
     """Put into a compiled model what a trial randomises, as it is at `time_s`."""
     place(model, setup, time_s)
+    strange.bring_out(model, setup)
     board = model.body(m.BOARD)
     first = int(board.geomadr[0])
     geoms = slice(first, first + int(board.geomnum[0]))

@@ -14,32 +14,55 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_ai.messages import BinaryContent, UserContent
 
+from pliant.belief import Belief
 from pliant.cell import Stop
-from pliant.checks import INSERTED_DEPTH_M
 from pliant.formations import OWNED, Formation, Goals
 from pliant.pose import Axis, Partial, Pose, describe
 from pliant.reasoners.vlm.settings import Settings
-from pliant.records import Case, Check, Evidence, Execution, FailureAnalysis, Outcome, Verdict
-from pliant.task import Task
+from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
+from pliant.vision.scene import Measured, Scene
 
+GUIDED = "guided"
 _IN_PLANE = (Axis.Y, Axis.Z, Axis.ROLL)
 _NOT_MADE = "–"
+_BELIEVED = {
+    "hole_x": ("hole", Axis.X),
+    "hole_y": ("hole", Axis.Y),
+    "surface_z": ("board", Axis.Z),
+    "board_yaw": ("board", Axis.YAW),
+    "grasp_roll": ("peg's angle in the grasp", Axis.ROLL),
+    "upright_roll": ("hand, for the peg to hang upright", Axis.ROLL),
+    "upright_pitch": ("hand, for the peg to hang upright", Axis.PITCH),
+}
+_APART_M = 0.003  # a reading so far from the belief is not believed
 
 
-def instructions(settings: Settings, task: Task, *stages: str) -> str:
-    """The static part: the task, then what is asked in each of `stages`."""
+def instructions(settings: Settings, case: Case, *stages: str) -> str:
+    """The static part: the task with its set of skills, then what is asked in each of `stages`."""
+    task = case.task
     values = {
         "peg": f"the {task.peg.name}, {task.peg.length * 1e3:.0f} mm long",
         "clearance_mm": f"{task.hole.clearance * 1e3:g}",
-        "depth_mm": f"{INSERTED_DEPTH_M * 1e3:g}",
+        "depth_mm": f"{task.depth * 1e3:g}",
         "step_limit_mm": f"{settings.step_limit_mm:g}",
     }
-    return "\n".join(Template(_prompt(name)).substitute(values) for name in ("task", *stages))
+    prompts = (_prompt(name, case.skills) for name in ("task", *stages))
+    return "\n".join(Template(text).substitute(values) for text in prompts)
 
 
 @cache
-def _prompt(name: str) -> str:
-    return (files("pliant.reasoners.vlm") / "prompts" / f"{name}.md").read_text()
+def _prompt(name: str, skills: str) -> str:
+    """A prompt in the words of a set of skills, or where it has none of its own, in the common
+    ones."""
+    folder = files("pliant.reasoners.vlm") / "prompts"
+    own = folder / f"{name}_{skills}.md"
+    return (own if own.is_file() else folder / f"{name}.md").read_text()
+
+
+def tells_measurements(settings: Settings, case: Case) -> bool:
+    """Whether the model is told what was measured: with the guided skills, which go by it, unless
+    it is withheld; with the paper's, if asked for."""
+    return settings.measurements or (settings.belief and case.skills == GUIDED)
 
 
 def situation(
@@ -61,8 +84,13 @@ def situation(
         ]
     content.append("\n\n".join(filter(None, _sections(case, settings, verdict, analysis))))
     if settings.picture:
-        image = case.outcome.looks[-1].observation.views["side"].image
-        content += [f"Picture taken after this {formation}:", _picture(image, settings)]
+        views = case.outcome.looks[-1].observation.views
+        content += [
+            f"Picture taken after this {formation}:",
+            _picture(views["side"].image, settings),
+        ]
+        if "front" in views:
+            content += ["The same from the front:", _picture(views["front"].image, settings)]
     return content
 
 
@@ -72,12 +100,13 @@ def _sections(
     verdict: Verdict | None,
     analysis: FailureAnalysis | None,
 ) -> Iterable[str]:
-    yield _goals(case.goals)
+    is_guided = case.skills == GUIDED
+    yield _shifts(case) if is_guided else _goals(case.goals)
     if settings.history and case.history:
-        yield _history(case.history, settings)
+        yield _history(case, settings)
     yield _executed(case, settings)
-    if settings.measurements:
-        yield _measured(case)
+    if tells_measurements(settings, case):
+        yield _seen(case) if is_guided else _measured(case)
     if verdict is not None:
         yield f"## Verdict\nfailure: {verdict.reason}" + (
             f"\nconflict: {verdict.conflict}" if verdict.conflict else ""
@@ -95,32 +124,43 @@ def _goals(goals: Goals) -> str:
     return "## Current goals\n" + _table(["skill", "goal"], rows)
 
 
-def _history(history: Sequence[Execution], settings: Settings) -> str:
-    told = history[-settings.history :]
+def _shifts(case: Case) -> str:
+    """The goals in force beside the taught ones: a guided skill goes by the difference."""
+    rows = []
+    for formation in Formation:
+        goal, taught = (g.formations[formation] for g in (case.goals, case.teaching.goals))
+        shift = {axis: goal[axis] - taught[axis] for axis in OWNED[formation]}
+        rows.append([formation, *(_mm(values, OWNED[formation]) for values in (goal, shift))])
+    return "## Current goals\n" + _table(["skill", "goal", "shift from the taught"], rows)
+
+
+def _history(case: Case, settings: Settings) -> str:
+    told = case.history[-settings.history :]
     rows = [
         [
             str(e.index + 1),
             str(e.formation) + (" after a retreat" if e.outcome.step.retreat else ""),
             _mm(e.outcome.step.goal, OWNED[e.formation]),
-            *_checks(e.evidence, settings).values(),
+            *_checks(e.evidence, settings, case).values(),
             "success" if e.verdict.success else "failure",
         ]
         for e in told
     ]
-    names = _checks(told[0].evidence, settings)
+    names = _checks(told[0].evidence, settings, case)
     return "## Earlier executions\n" + _table(["no", "skill", "goal", *names, "judged"], rows)
 
 
 def _executed(case: Case, settings: Settings) -> str:
     outcome = case.outcome
     formation = outcome.step.formation
-    checks = _checks(case.evidence, settings)
+    checks = _checks(case.evidence, settings, case)
+    axes = tuple(Axis) if case.skills == GUIDED else _IN_PLANE
     return "\n".join(
         [
             f"## Executed last: no {len(case.history) + 1}, {formation}"
             + (" after a retreat" if outcome.step.retreat else ""),
             f"goal: {_mm(outcome.step.goal, OWNED[formation])}",
-            f"terminal pose: {_mm(outcome.pose, _IN_PLANE)}",
+            f"terminal pose: {_mm(outcome.pose, axes)}",
             _compression(outcome),
             *(f"{name}: {told}" for name, told in checks.items() if told != _NOT_MADE),
         ]
@@ -153,12 +193,75 @@ def _measured(case: Case) -> str:
     return "\n".join([*lines, *scene.problems])
 
 
-def _checks(evidence: Evidence, settings: Settings) -> dict[str, str]:
-    """What the paper's checks found, by the name that the model reads."""
+def _seen(case: Case) -> str:
+    """What was measured after a guided skill, what was not, and what is believed of all looks."""
+    look, belief = case.outcome.looks[-1], case.belief
+    scene, across = look.scene, look.scene.across
+    pressed = f"compression at rest: {_tenths(look.observation.compression_m * 1e3)} mm"
+    lines = ["## Measured after it", f"{len(case.outcome.motions)} motions; {pressed}"]
+    if scene.peg is not None:
+        tip_y, tip_z = scene.peg.tip_y, scene.peg.tip_z
+        line = f"side camera, peg: tip_y_mm {_within(tip_y)}, tip_z_mm {_within(tip_z)}"
+        lines.append(
+            f"{line}, tilt_deg {_within(scene.peg.tilt, Axis.ROLL)} (positive: to the left)"
+        )
+    if scene.hole is not None:
+        line = f"side camera, hole: y_mm {_within(scene.hole.y)}"
+        lines.append(f"{line}, board z_mm {_within(scene.hole.surface_z)}")
+    if across is not None:
+        seen = {"tip_x_mm": across.tip_x, "pitch_deg": across.pitch, "hole_x_mm": across.hole_x}
+        told = (
+            f"{name} {_within(m, Axis.PITCH if name == 'pitch_deg' else Axis.X)}"
+            for name, m in seen.items()
+            if m is not None
+        )
+        lines.append(f"front camera: {', '.join(told) or 'nothing measured'}")
+        lines += [f"front camera: no {name} measured" for name, m in seen.items() if m is None]
+    else:
+        lines.append("front camera: no picture")
+    if scene.board_yaw is not None:
+        lines.append(f"oblique camera: board yaw_deg {_within(scene.board_yaw, Axis.YAW)}")
+    lines += [f"not measured: {problem}" for problem in scene.problems]
+    return "\n".join([*lines, *_belief(belief), *_disbelieved(scene, belief)])
+
+
+def _belief(belief: Belief) -> list[str]:
+    lines = ["## Believed, from all looks; ± one standard deviation of a reading"]
+    for name, (what, axis) in _BELIEVED.items():
+        value = getattr(belief, name)
+        told = "not seen yet" if value is None else _within(value, axis)
+        lines.append(f"{what}: {axis}_{axis.report_unit} {told}")
+    return lines
+
+
+def _disbelieved(scene: Scene, belief: Belief) -> list[str]:
+    """Readings of this look that the belief does not follow."""
+    across = scene.across
+    pairs = {
+        "hole y_mm": (None if scene.hole is None else scene.hole.y, belief.hole_y),
+        "board z_mm": (None if scene.hole is None else scene.hole.surface_z, belief.surface_z),
+        "hole x_mm": (None if across is None else across.hole_x, belief.hole_x),
+    }
+    return [
+        f"not believed: {name} {_within(reading)}, as it is {_within(held)} by the looks before"
+        for name, (reading, held) in pairs.items()
+        if reading is not None and held is not None and abs(reading.value - held.value) > _APART_M
+    ]
+
+
+def _within(measured: Measured, axis: Axis = Axis.Y) -> str:
+    """A value and its standard deviation in the axis's unit."""
+    return f"{_tenths(axis.to_report(measured.value))} ± {_tenths(axis.to_report(measured.sd))}"
+
+
+def _checks(evidence: Evidence, settings: Settings, case: Case) -> dict[str, str]:
+    """What the checks found, by the name that the model reads: the paper's, and with the guided
+    skills' measurements the metric one."""
     shown = {
         "pose_check": ("pose", settings.pose_check),
         "compression_check": ("compression", True),
         "table_i": ("table_i", settings.table_i),
+        "metric_check": ("metric", case.skills == GUIDED and tells_measurements(settings, case)),
     }
     return {label: _told(evidence[name]) for label, (name, on) in shown.items() if on}
 

@@ -109,7 +109,7 @@ class Vlm:
         until = self._deadline()
         if self.settings.one_call:
             return self._planned(case, verdict, None, (), until)
-        content = prompt.situation(case, self.settings, verdict=self._told(verdict))
+        content = prompt.situation(case, self.settings, verdict=self._told(case, verdict))
         answer = self._ask(case, "analyse", content, Analysis, ("analyse",), until)
         if answer.value is None:
             return self._instead(case, verdict, None, answer.problem, answer.exchanges)
@@ -147,7 +147,7 @@ class Vlm:
         answer = self._ask(
             case,
             "plan",
-            prompt.situation(case, settings, verdict=self._told(verdict), analysis=analysis),
+            prompt.situation(case, settings, verdict=self._told(case, verdict), analysis=analysis),
             reply,
             (*asked, f"plan_{settings.plan}"),
             until,
@@ -164,10 +164,10 @@ class Vlm:
             return self._instead(case, verdict, None, answer.problem, exchanges)
         return self._instead(case, verdict, proposal(refused), answer.problem, exchanges)
 
-    def _told(self, verdict: Verdict) -> Verdict:
+    def _told(self, case: Case, verdict: Verdict) -> Verdict:
         """What the model is told of a verdict. The words of another judge hold measurements and
         Table I, which a model that is not told them would learn that way."""
-        if verdict.by == self.name or self.settings.measurements:
+        if verdict.by == self.name or prompt.tells_measurements(self.settings, case):
             return verdict
         return replace(verdict, reason=f"judged by {verdict.by}", conflict=None)
 
@@ -221,7 +221,7 @@ class Vlm:
             self._wire,
             self.settings,
             stage=stage,
-            instructions=prompt.instructions(self.settings, case.task, *asked),
+            instructions=prompt.instructions(self.settings, case, *asked),
             content=content,
             reply=reply,
             deadline_s=left,

@@ -74,6 +74,8 @@ class Settings:
     """Tell Table I's message."""
     measurements: bool = False
     """Tell what was measured in millimetres, which the paper's model was not told."""
+    belief: bool = True
+    """With the guided skills, which go by them: tell measurements and belief all the same."""
     history: int = 5
     """Earlier executions told."""
     one_call: bool = False

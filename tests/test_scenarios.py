@@ -1,0 +1,213 @@
+"""What rules are not written for: that it is really so in the cell and in its pictures, that it is
+gone in the next trial, and how its trials are counted."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from stand_ins import prepared
+
+from pliant.conditions import NOMINAL, Setup, condition
+from pliant.experiment import ladder, tables_text
+from pliant.experiment.misread import Misreading
+from pliant.levels import EITHER, STOP, load_level, shipped_levels
+from pliant.pose import Pose
+from pliant.records import End
+from pliant.sim.cell import SimCell, SimRobot
+from pliant.skills import GUIDED
+from pliant.task import load_task
+from pliant.vision.measure import measure
+from pliant.vision.scene import Scene
+
+SCENARIOS = [level for level in shipped_levels().values() if level.is_scenario]
+DEEP_M = 0.012  # commanded below the surface
+LIMIT_M = 0.030
+
+
+def pushed(setup: Setup, peg: str = "square", *, y: float = 0.0) -> SimRobot:
+    """The robot after it went straight down over the hole, upright."""
+    robot = prepared(peg, setup)
+    below = robot.task.tip_below_hinge
+    for z, speed in ((below + 0.005, 0.1), (below - DEEP_M, 0.02)):
+        robot.move_to(Pose(y=y, z=z), speed_m_s=speed, stop_at_compression_m=LIMIT_M)
+    robot.settle(0.3)
+    return robot
+
+
+def tip_z(robot: SimRobot) -> float:
+    return float(robot.data.site_xpos[robot.tip_site][2])
+
+
+def image(robot: SimRobot, camera: str) -> NDArray[np.float64]:
+    return robot.observe((camera,)).views[camera].image.astype(float)
+
+
+def grey(robot: SimRobot, camera: str) -> int:
+    """Pixels of steel amid the block's red, near the picture's middle."""
+    r, g, b = np.moveaxis(image(robot, camera)[150:330, 220:420], 2, 0)
+    return int(np.sum((abs(r - g) < 25) & (abs(g - b) < 25) & (r < 170) & (r > 60)))
+
+
+# --- in the cell ---------------------------------------------------------------------------------
+
+
+def test_without_anything_strange_the_peg_goes_in() -> None:
+    assert tip_z(pushed(Setup(seed=1))) < -0.009
+
+
+@pytest.mark.parametrize("peg", ["circle", "square"])
+def test_a_peg_that_is_too_wide_stands_on_the_board_and_looks_right_from_the_side(
+    peg: str,
+) -> None:
+    wrong = Setup(seed=1, peg_wider=0.006)
+    robot = pushed(wrong, peg)
+    assert tip_z(robot) > -0.0005
+    assert robot.pressed() > 0.008
+    shown = [
+        measure(prepared(peg, s).observe().views["side"], load_task(peg)).peg
+        for s in (Setup(seed=1), wrong)
+    ]
+    right, other = shown
+    assert right is not None
+    assert other is not None
+    assert other.tip_y.value == pytest.approx(right.tip_y.value, abs=0.002)
+    front = [image(prepared(peg, s), "front") for s in (Setup(seed=1), wrong)]
+    assert np.mean(np.abs(front[0] - front[1])) > 0.3
+
+
+def test_a_gripper_without_a_peg_touches_nothing_and_never_inserts() -> None:
+    cell = SimCell()
+    task = load_task("square")
+    robot = cell.prepare(task, Setup(seed=1, peg_missing=1.0))
+    seen = measure(robot.observe().views["side"], task)
+    assert seen.peg is None
+    assert seen.hole is not None
+    robot.move_to(
+        Pose(z=task.tip_below_hinge - 0.015), speed_m_s=0.1, stop_at_compression_m=LIMIT_M
+    )
+    truth = cell.truth()
+    assert truth.depth_m > task.depth
+    assert abs(truth.compression_m) < 0.001
+    assert not truth.inserted
+    assert truth.fit is False
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.007])
+def test_a_plug_stops_the_peg_where_it_begins(depth: float) -> None:
+    assert tip_z(pushed(Setup(seed=1, plugged_at=depth))) == pytest.approx(-depth, abs=0.0005)
+    with_plug, without = (prepared("square", Setup(seed=1, plugged_at=d)) for d in (depth, 0.0))
+    assert image(with_plug, "side").shape == image(without, "side").shape
+
+
+def test_a_plug_is_seen_from_above_and_not_from_the_side() -> None:
+    pictures = {}
+    for depth in (0.0, 0.004):
+        robot = prepared("square", Setup(seed=1, plugged_at=depth))
+        robot.move_to(Pose(y=0.05, z=0.3), speed_m_s=0.2, stop_at_compression_m=LIMIT_M)
+        pictures[depth] = {name: image(robot, name) for name in ("side", "oblique")}
+    assert np.array_equal(pictures[0.0]["side"], pictures[0.004]["side"])
+    assert np.max(np.abs(pictures[0.0]["oblique"] - pictures[0.004]["oblique"])) > 50
+
+
+def test_a_bar_across_the_hole_holds_the_peg_up_and_one_beside_it_does_not() -> None:
+    assert tip_z(pushed(Setup(seed=1, bar_height=0.004, bar_y=0.003))) == pytest.approx(
+        0.004, abs=0.0005
+    )
+    assert tip_z(pushed(Setup(seed=1, bar_height=0.004, bar_y=0.028))) < -0.009
+
+
+def test_a_bar_lies_where_the_hole_is() -> None:
+    setup = Setup(seed=1, bar_height=0.005, hole_y=0.015, hole_x=0.004, board_z=0.006)
+    assert tip_z(pushed(setup, y=0.015)) == pytest.approx(0.011, abs=0.0005)
+
+
+def test_a_dead_sensor_reads_nothing_of_what_presses_and_stops_no_motion() -> None:
+    robot = pushed(Setup(seed=1, compression_dead=1.0, bar_height=0.02), y=0.0)
+    assert robot.observe(()).compression_m == 0.0
+    assert robot.pressed() > 0.025
+    robot.tare()
+    assert robot.observe(()).compression_m == 0.0
+
+
+def test_a_lying_camera_moves_every_reading_by_the_same() -> None:
+    setup = Setup(seed=3, hole_misread=-0.009)
+    robot = prepared("square", setup)
+    read = Misreading(setup)
+    truly = measure(robot.observe().views["side"], robot.task)
+    for _ in range(5):
+        seen: Scene = read(truly)
+        assert seen.hole is not None
+        assert truly.hole is not None
+        assert seen.hole.y.value - truly.hole.y.value == pytest.approx(-0.009)
+        assert seen.peg == truly.peg
+
+
+def test_nothing_strange_is_left_in_the_next_trial() -> None:
+    before = pushed(Setup(seed=2))
+    qpos, picture = before.data.qpos.copy(), image(before, "oblique")
+    strange = Setup(seed=2, peg_missing=1.0, peg_wider=0.01, plugged_at=0.003, bar_height=0.01)
+    assert not np.array_equal(image(pushed(strange), "oblique"), picture)
+    after = pushed(Setup(seed=2))
+    assert np.array_equal(after.data.qpos, qpos)
+    assert np.array_equal(image(after, "oblique"), picture)
+
+
+# --- as data -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("level", SCENARIOS, ids=lambda level: level.name)
+def test_every_scenario_is_strange_and_says_what_is_right(level: Any) -> None:
+    assert level.right in (STOP, EITHER)
+    assert level.skills == GUIDED
+    papers = set(condition("all").ranges)
+    drawn = level.on(condition("all")).draw(1).disturbed()
+    assert set(drawn) - papers
+    assert all(NOMINAL[name] != value for name, value in drawn.items())
+
+
+def test_a_bar_beside_the_hole_leaves_it_free() -> None:
+    near = min(map(abs, load_level("bar_beside").ranges["bar_y"]))
+    for peg in load_level("bar_beside").pegs:
+        task = load_task(peg, "bar_beside")
+        rim = task.peg.half_extents[1] + task.hole.clearance / 2
+        assert near - 0.006 - rim > 0.0015
+
+
+def trial(scenario: str, end: End, *, inserted: bool = False) -> dict[str, object]:
+    return {
+        "level": scenario,
+        "skills": GUIDED,
+        "reasoner": "rules",
+        "peg": "circle",
+        "judged": end is End.INSERTED,
+        "inserted": inserted,
+        "end_reason": str(end),
+        "moves": 40,
+        "executions": 5,
+        "simulated_s": 30.0,
+        "failure_kind": None,
+    }
+
+
+def test_what_is_right_is_counted_and_a_false_accept_is_not() -> None:
+    ends = [
+        trial("blocked_hole", End.STOPPED),
+        trial("blocked_hole", End.CAP),
+        trial("blocked_hole", End.EXHAUSTED),
+        trial("blocked_hole", End.INSERTED),
+        trial("lying_camera", End.STOPPED),
+        trial("lying_camera", End.INSERTED, inserted=True),
+        trial("lying_camera", End.INSERTED),
+        trial("L1", End.INSERTED, inserted=True),
+    ]
+    blocked, lying = ladder.scenarios(ends)
+    assert blocked["rightly"]["successes"] == 1
+    assert [blocked[n]["successes"] for n in ("stopped", "cap", "exhausted", "false_accepts")] == [
+        1
+    ] * 4
+    assert (lying["rightly"]["successes"], lying["rightly"]["n"]) == (2, 3)
+    assert [row["level"] for row in ladder.rows(ends)] == ["L1"]
+    assert "| blocked_hole | rules | stop | 25.0 [" in tables_text.scenarios([blocked])
+    assert math.isclose(blocked["rightly"]["percent"], 25.0)
