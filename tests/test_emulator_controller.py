@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -305,6 +306,28 @@ def test_time_slips_and_is_never_made_up_for() -> None:
         return controller.ticks - before
 
     assert asyncio.run(scene()) < 100
+
+
+def test_time_stands_still_for_a_while_when_a_client_is_late() -> None:
+    PLANT.prepare(TASK, Setup(seed=0))
+    controller = Controller(PLANT, SafetyLimits())
+    pace = Pace(controller, lambda always: None, client_patience_s=0.5)
+    controller.watch(50.0)  # 10 ticks
+
+    async def scene() -> None:
+        running = asyncio.create_task(pace.run())
+        await asyncio.sleep(0.3)
+        assert controller.ticks == 9
+        controller.fed()
+        await asyncio.sleep(0.3)
+        assert controller.ticks == 18
+        give_up = time.monotonic() + 20.0
+        while controller.ticks == 18 and time.monotonic() < give_up:
+            await asyncio.sleep(0.01)
+        running.cancel()
+
+    asyncio.run(scene())
+    assert controller.ticks > 18  # its patience is over
 
 
 def test_freedrive_is_off_until_asked_for(client: Client) -> None:

@@ -23,6 +23,7 @@ _HARD_STOP = 10.0  # [rad/s2] of the fastest joint, when safety stops the arm
 _PROGRAM_STOP = 4.0  # [rad/s2], when the program ends while the arm moves
 _JOINT_SPEED_LIMIT = np.pi * 1.05  # [rad/s]
 _JOINT_LIMIT = 2 * np.pi
+_MOSTLY = 0.8  # of the watchdog: a client in good health has fed it by then
 _HISTORY = 500  # ticks of joint positions
 
 
@@ -193,6 +194,12 @@ class Controller:
         """End the program when a client's command register is written less often [Hz]."""
         self._watchdog_ticks = FREQUENCY / frequency if frequency > 0 else 0.0
         self._fed_tick = self.ticks
+
+    @property
+    def is_unfed(self) -> bool:
+        """Whether most of a client's watchdog has run out."""
+        unfed = self.ticks - self._fed_tick
+        return unfed > _MOSTLY * self._watchdog_ticks > 0
 
     def fed(self) -> None:
         """A client wrote its command register."""

@@ -60,6 +60,9 @@ class Options:
     """x, y, z from and x, y, z to [m], base frame: where the tool's centre point may be"""
     force_noise: float = 0.0
     """standard deviation [N] of the measured force"""
+    client_patience: float = 0.0
+    """seconds for which time stands still while a client is late to feed its watchdog; not in
+    lockstep"""
     faults: Path | None = None
     """a file of faults to come (.yaml)"""
     with_parent: bool = False
@@ -77,6 +80,11 @@ class Options:
         ):
             if not 0.0 < value <= most:
                 raise InputError(f"{name} {value:g}: it must be above 0 and at most {most:g}")
+        if not 0.0 <= self.client_patience <= faults.MOST_WAIT_S:
+            raise InputError(
+                f"client-patience {self.client_patience:g} s: it must be 0 to"
+                f" {faults.MOST_WAIT_S:g} s"
+            )
         if not 0.0 <= self.force_noise <= faults.MOST_NOISE:
             raise InputError(
                 f"force-noise {self.force_noise:g} N: it must be 0 to {faults.MOST_NOISE:g} N"
@@ -135,7 +143,7 @@ class Emulator:
         self._schedule, self._pending = schedule, list(schedule)
         limits = SafetyLimits(force=options.force_limit, box=options.box)
         self.controller = Controller(self.plant, limits, options.force_noise)
-        self.pace = Pace(self.controller, self._publish)
+        self.pace = Pace(self.controller, self._publish, options.client_patience)
         self.pace.set(options.mode, options.speed)
         self.rtde = Rtde(controller=self.controller, wake=self.pace.wake)
         self.controller.on_tick.append(self._after_tick)

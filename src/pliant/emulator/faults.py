@@ -16,7 +16,8 @@ from pliant.emulator.block import CameraFault
 from pliant.errors import InputError
 
 MOST_NOISE = 100.0  # [N]
-Seconds = Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
+MOST_WAIT_S = 3600.0
+Seconds = Annotated[float, Field(ge=0.0, le=MOST_WAIT_S, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):

@@ -29,9 +29,17 @@ class Pacing(StrEnum):
 class Pace:
     """Runs a controller, and publishes after every tick."""
 
-    def __init__(self, controller: Controller, publish: Callable[[bool], None]) -> None:
-        """`publish(always)` sends out what is due, or everything."""
+    def __init__(
+        self,
+        controller: Controller,
+        publish: Callable[[bool], None],
+        client_patience_s: float = 0.0,
+    ) -> None:
+        """`publish(always)` sends out what is due, or everything. Time slips for up to
+        `client_patience_s` of the wall's while a client is late to feed its watchdog."""
         self.pacing, self.speed = Pacing.REAL, 1.0
+        self._client_patience_s = client_patience_s
+        self._waited_s = 0.0  # for the client, since it was last in time
         self.slipped_s = 0.0  # of the wall's time, since it began
         self._controller, self._publish = controller, publish
         self._credit = 0
@@ -75,7 +83,13 @@ class Pace:
             elif self.pacing is Pacing.LOCKSTEP:
                 await self._step_with_credit()
                 due = loop.time()
+            elif self._controller.is_unfed and self._waited_s < self._client_patience_s:
+                self._waited_s -= loop.time()
+                await asyncio.sleep(_IDLE_S)
+                self._waited_s += loop.time()
             else:
+                if not self._controller.is_unfed:
+                    self._waited_s = 0.0
                 due += TICK / self.speed
                 late = loop.time() - due
                 if late > _LATE_S:
