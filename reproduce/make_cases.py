@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.belief import Belief, fold
+from pliant.belief import Belief, Seen, fold
 from pliant.cell import Truth
 from pliant.checks import INSERTED_DEPTH_M, check
 from pliant.conditions import Setup, condition
@@ -299,13 +299,16 @@ def stale(found: Found) -> Case | None:
     old = Look(observation=seen, scene=before.scene)
     outcome = replace(case.outcome, looks=(*case.outcome.looks[:-1], old))
     outcomes = [*(e.outcome for e in case.history), outcome]
-    scenes = [(o.step.formation, look.scene) for o in outcomes for look in o.looks]
-    taught = case.teaching.scenes
+    looks = [
+        Seen(formation=o.step.formation, pose=look.observation.pose, scene=look.scene)
+        for o in outcomes
+        for look in o.looks
+    ]
     return replace(
         case,
         outcome=outcome,
-        evidence=check(case.task, outcome, taught),
-        belief=fold(scenes, taught.get(Formation.APPROACH)),
+        evidence=check(case.task, outcome, case.teaching.scenes),
+        belief=fold(looks, case.teaching),
     )
 
 

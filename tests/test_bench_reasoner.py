@@ -34,6 +34,7 @@ from pliant.experiment.bench.marks import put
 from pliant.experiment.bench.run import run
 from pliant.experiment.bench.scores import group
 from pliant.formations import OWNED, RECOVERABLE, Formation, Step
+from pliant.levels import STOP, shipped_levels
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Exchange, Recovery, Verdict
 from pliant.store import picture_name
@@ -138,6 +139,8 @@ class Knows:
         right = self.key.answer.steps
         if not self.inverted:
             return recovery_of(*right)
+        if self.key.answer.stop:
+            return recovery_of(case.goals.step(Formation.INSERTION))
         first = right[0]
         axis = OWNED[first.formation][0]
         before = case.goals.formations[first.formation][axis]
@@ -160,6 +163,8 @@ def test_who_knows_the_truth_scores_perfectly_and_its_inverse_the_opposite() -> 
     for score in ("plan_valid", "start_right", "retreat_right", "direction_right"):
         assert right[score]["percent"] == 100, score
     assert right["own"]["percent"] == 100
+    assert (right["stops"]["percent"], right["stops_needlessly"]["percent"]) == (100, 0)
+    assert wrong["stops"]["percent"] == 0
     assert wrong["direction_right"]["percent"] == 0
     assert wrong["retreat_right"]["percent"] == 0
     assert wrong["reaches"]["percent"] == 0
@@ -227,6 +232,35 @@ def test_a_plan_is_scored_by_what_of_it_may_be_done(
     assert plan.toward_m * 1e3 == pytest.approx(toward_mm)
     assert (plan.direction, plan.start, plan.reaches) == (direction, start, reaches)
     assert (not plan.refusal) is valid
+
+
+def test_stopping_is_scored_apart_from_planning() -> None:
+    nothing_helps = question(answer=Answer(success=False, stop=True))
+    stops, goes_on = recovery_of(), recovery_of(goal_step(Formation.FIT, -0.012))
+    marks = [
+        put(asked, "plans", lambda _, plan=plan: Plans(plan=plan))  # type: ignore[misc]
+        for asked in (nothing_helps, question())
+        for plan in (stops, goes_on, None)
+    ]
+    assert [mark.plan is None for mark in marks] == [True] * 3 + [False] * 3
+    scored = group(marks)
+    for score in ("stops", "stops_needlessly"):
+        assert (scored[score]["successes"], scored[score]["n"]) == (1, 3), score
+    assert scored["plan_valid"]["n"] == 3
+
+
+def test_strange_cases_are_failures_that_a_reasoner_could_see_coming() -> None:
+    strange = [q for q in SET if q.key.kind is Kind.STRANGE]
+    assert {q.key.origin.condition for q in strange} == {
+        level.name for level in shipped_levels().values() if level.right == STOP
+    }
+    for question in strange:
+        assert question.key.answer == Answer(success=False, stop=True)
+        assert any(
+            not e.verdict.success or e.outcome.scene.peg is None for e in question.case.history
+        )
+        assert set(question.case.outcome.looks[-1].observation.views) == {"side", "front"}
+        assert question.case.skills == "guided"
 
 
 def test_what_another_answered_in_its_place_is_not_its_own() -> None:

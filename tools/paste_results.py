@@ -38,7 +38,8 @@ def block(name: str) -> str:
         scores["reasoners"] |= small["reasoners"]  # on the first cases of the same set
         if table in ("kind", "formation"):
             return bench.grouped(scores, table)
-        return bench.judging(scores) if table == "judging" else bench.planning(scores)
+        shown = {"judging": bench.judging, "planning": bench.planning, "stopping": bench.stopping}
+        return shown[table](scores)
     if run == "scenarios":
         return tables_text.scenarios(json.loads((RESULTS / f"scenarios_{table}.json").read_text()))
     if run == "ladder":

@@ -32,7 +32,7 @@ CHANGE_M = 0.001
 class Answer:
     """The right verdict and, after a failure, the right steps from the first that changes
     something. No steps after a failure: none of the three formations that a plan may hold mends
-    it, and no reasoner is asked to.
+    it, and no reasoner is asked to, unless it is right to `stop` and say so.
 
     `goals_m` are the least and the greatest goal [m] of the first step that reach its formation
     from here, found by trying them in the simulator.
@@ -41,6 +41,7 @@ class Answer:
     success: bool
     steps: tuple[Step, ...] = ()
     goals_m: tuple[float, float] | None = None
+    stop: bool = False
 
 
 def answer(case: Case, truth: Truth, setup: Setup) -> Answer | None:

@@ -34,7 +34,8 @@ class Plan:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A case's answers. `plan` None: the execution had succeeded, or nothing could mend it."""
+    """A case's answers. `plan` None: the execution had succeeded, or no plan could mend it.
+    `stopped` None: nothing was asked."""
 
     name: str
     kind: Kind
@@ -43,6 +44,8 @@ class Mark:
     success: bool  # what was right
     judged: bool
     plan: Plan | None
+    stop: bool  # whether it was right to stop
+    stopped: bool | None
     own: tuple[bool, ...]  # per decision: neither another's in its place nor cut down
     decisions: tuple[tuple[Exchange, ...], ...]  # per decision that asked a model
 
@@ -71,11 +74,12 @@ def _put(question: Question, mind: Reasoner) -> Mark:
     verdict = mind.judge(case)
     own = [not verdict.fallback]
     asked = [verdict.exchanges]
-    plan = None
-    if key.answer.steps:
+    plan = stopped = None
+    if key.answer.steps or key.answer.stop:
         failed = _failure(case) if verdict.success else verdict
         recovery = mind.recover(case, failed)
-        plan = _marked(recovery, case, key.answer)
+        plan = _marked(recovery, case, key.answer) if key.answer.steps else None
+        stopped = recovery is not None and not recovery.steps
         own.append(recovery is None or not (recovery.fallback or recovery.clamped is not None))
         asked.append(recovery.exchanges if recovery is not None else ())
     return Mark(
@@ -86,6 +90,8 @@ def _put(question: Question, mind: Reasoner) -> Mark:
         success=key.answer.success,
         judged=bool(verdict.success),
         plan=plan,
+        stop=key.answer.stop,
+        stopped=stopped,
         own=tuple(own),
         decisions=tuple(exchanges for exchanges in asked if exchanges),
     )

@@ -47,6 +47,8 @@ def group(marks: Sequence[Mark]) -> Scores:
         "direction_right": rate(p.direction for p in plans),
         "reaches": rate(p.reaches for p in plans),
         "toward_mm": _toward(plans),
+        "stops": rate(m.stopped for m in marks if m.stop),
+        "stops_needlessly": rate(m.stopped for m in marks if m.plan is not None),
         "own": rate(own for m in marks for own in m.own),
         **_spent([exchanges for m in marks for exchanges in m.decisions]),
     }

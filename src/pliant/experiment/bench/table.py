@@ -18,6 +18,8 @@ def markdown(document: Document) -> str:
         judging(document),
         "## Planning, after true failures",
         planning(document),
+        "## Stopping",
+        stopping(document),
         "## What it cost",
         spending(document),
         "## By kind of case",
@@ -51,6 +53,17 @@ def planning(document: Document) -> str:
     ]
     header = ["reasoner", "valid [%]", "resumes right [%]", "retreat right [%]"]
     header += ["direction right [%]", "reaches at once [%]", "toward the goal [mm], median; mean"]
+    return _table(header, rows)
+
+
+def stopping(document: Document) -> str:
+    """Of the reasoners that were asked where it is right to stop."""
+    rows = [
+        [name, _rate(s["all"]["stops"]), _rate(s["all"]["stops_needlessly"])]
+        for name, s in document["reasoners"].items()
+        if s["all"].get("stops", {}).get("n")
+    ]
+    header = ["reasoner", "stops where no motion helps [%]", "stops where a plan would help [%]"]
     return _table(header, rows)
 
 
