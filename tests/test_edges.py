@@ -15,9 +15,10 @@ from pliant.levels import load_level
 from pliant.pose import Pose
 from pliant.sim.cell import SimRobot
 from pliant.task import load_task
-from pliant.vision.edges import measure_edges
+from pliant.vision.edges import Aside, measure_edges
 from pliant.vision.measure import measure
 from pliant.vision.offset import UNKNOWN, Offset, hanging_tip, offset_between
+from pliant.vision.outline import board_outline
 from pliant.vision.scene import Measured, Scene
 
 PER_PEG = 16
@@ -186,9 +187,22 @@ def test_a_board_turned_about_the_vertical_is_measured_where_it_is() -> None:
         robot = prepared("square", Setup(seed=0, board_yaw=yaw, hole_y=0.01))
         stand_peg(robot, tip_y=0.0, tip_z=0.02, lean=0.0)
         seen = robot.observe()
-        scene = measure_edges(seen.views["side"], robot.task, seen.pose, board_yaw=yaw)
+        scene = measure_edges(seen.views["side"], robot.task, seen.pose, aside=Aside(board_yaw=yaw))
         assert scene.hole is not None
         assert scene.hole.y.value == pytest.approx(0.01, abs=0.0006)
+
+
+def test_the_oblique_picture_tells_how_the_board_is_turned_whatever_it_looks_like() -> None:
+    drawing = load_level("L8").on(condition("all"))
+    errors = []
+    for seed in range(700, 724):
+        robot = prepared("square", replace(drawing.draw(seed), stale=0.0))
+        outline = board_outline(robot.observe(cameras=("oblique",)).views["oblique"])
+        assert outline is not None
+        errors.append(outline.yaw.value - robot.setup.board_yaw)
+        assert abs(errors[-1]) < math.radians(1.5)
+        assert abs(outline.y - robot.setup.hole_y) < 0.012  # the camera itself is off
+    assert np.std(errors) < math.radians(0.5)
 
 
 def test_where_nothing_is_nothing_is_found_and_it_says_so() -> None:

@@ -39,6 +39,7 @@ _AT_WALL = (-0.0055, 0.0015)  # [m] of the low corner from the far wall, when it
 _ON_HOLE = 0.003  # [m] from the far wall, where a corner that is not in the hole belongs
 _ASTRAY = 0.002  # [m] from there
 _UPRIGHT_DEPTH, _UPRIGHT_TILT = 0.0025, math.radians(4)
+_HELD_TILT = math.radians(1.5)  # a hand so far past upright leaves it to a peg that is in the hole
 _RECENTRED = 0.004  # [m] that Insertion moves the hinge from where Align left it
 _MARGIN = 0.0015  # [m] beyond the depth that is asked for
 _NEAR_ENOUGH = 0.001  # [m] of the tip, before it goes down
@@ -190,9 +191,8 @@ class Guided:
             if seen is None:
                 return
             depth, tilt = seen
-            if depth > _UPRIGHT_DEPTH and abs(tilt.value) < _UPRIGHT_TILT:
-                break
-            if attempt == 3:
+            deep = depth > _UPRIGHT_DEPTH and abs(tilt.value) < _UPRIGHT_TILT
+            if deep or (depth > _IN_HOLE and abs(tilt.value) < _HELD_TILT) or attempt == 3:
                 break
             hand.load(0.002 + 0.001 * attempt)
             for sweep in (-0.004, 0.003, 0.0):
@@ -222,10 +222,13 @@ class Guided:
                 return
             if depth - before < 0.3 * SLICE:
                 stuck += 1
-                if stuck > 6:
+                if stuck > 8:
                     return
                 hand.load(WORKED)
-                hand.shake(stuck)
+                if stuck % 3:
+                    hand.ease(0.0005 * (1 + stuck))
+                else:
+                    hand.shake(stuck)
                 hand.load(WORKED)
                 continue
             stuck = 0

@@ -18,9 +18,11 @@ from pliant.teaching import Teaching
 from pliant.vision.scene import Measured
 from pliant.vision.surround import FRONT, SIDE
 
-WORKED = 0.005  # [m] of compression while a stuck peg is shaken
+WORKED = 0.010  # [m] of compression while a stuck peg is shaken
+_HELD_BACK = 0.005  # [m] the wrist is stretched by a peg that holds on
 SLICE = 0.005  # [m] of one step of Insertion
 _TRIMMED = 0.0003  # [m] a load this close is trimmed
+_SPRANG_BACK = 0.001  # [m] of compression
 _LIFTS = 40  # short lifts and shakes out of the hole, at most
 _HALF_SWING_S = 0.19  # of the tool that hangs from the soft wrist
 
@@ -33,6 +35,7 @@ class Manner:
     free_speed_m_s: float = 0.05
     contact_speed_m_s: float = 0.02
     guarded_speed_m_s: float = 0.03
+    turning_speed_m_s: float = 0.10  # of the arc at the tip's distance; a turn about z moves no tip
     compression_limit_m: float = 0.020  # from free hang
     swing_s: float = 0.8  # until a free-hanging peg is nearly at rest
     rest_s: float = 0.3
@@ -136,18 +139,29 @@ class Hand:
         """Turn the hand about z by so much to either side [rad], and back."""
         here = self.at
         for yaw in (here.yaw + angle, here.yaw - angle, here.yaw):
-            self.to(replace(here, yaw=yaw), self._manner.free_speed_m_s)
+            self.to(replace(here, yaw=yaw), self._manner.turning_speed_m_s)
 
     def lift(self, clear: float) -> None:
         """Straight up to the height `clear` [m], out of the hole; a peg that holds on is shaken."""
         for attempt in range(_LIFTS):
             if self.at.z >= clear:
                 return
-            if self.compression() < -WORKED:
+            if self.compression() < -_HELD_BACK:
                 self.shake(1 + attempt % 5)
             else:
                 up = replace(self.at, z=min(clear, self.at.z + 2 * SLICE))
                 self.to(up, self._manner.free_speed_m_s)
+
+    def ease(self, size: float) -> None:
+        """Shift the hand by `size` [m] to each side, and stay where the wrist springs back: a peg
+        in a tight hole goes on where the hand is above it."""
+        for x, y in ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)):
+            before = self.compression()
+            self.shift(x=x * size, y=y * size)
+            if before - self.compression() > _SPRANG_BACK:
+                self.load(WORKED)
+            else:
+                self.shift(x=-x * size, y=-y * size)
 
     def shake(self, times: int) -> None:
         """Turn and shift the hand, further each time: friction then acts sideways."""

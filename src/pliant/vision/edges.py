@@ -6,7 +6,7 @@ quite where its calibration says (`offset.py`).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -36,6 +36,8 @@ _PIECE = 12  # [px] of an edge that is averaged
 _HOLE_REACH = 0.037  # [m] how far the hole's centre may be from nominal along y
 _BOARD_REACH = 0.012  # [m] and the surface along z
 _MOST_ROLL = math.radians(0.6)  # of the camera
+_SURE = 0.15  # by how much stronger edges must be to be preferred
+_TURNED_PX = 1.0  # by which an outline is wider than the face
 _LEAST_SCORE, _LEAST_SUPPORT = 0.15, 0.35  # of at most 1
 
 # Standard deviations that no fit tells, measured on random looks (tests/test_edges.py).
@@ -43,28 +45,51 @@ _PLACE_SD, _HEIGHT_SD, _SURFACE_SD, _TILT_SD = 1.4e-4, 0.8e-4, 3e-4, math.radian
 _WELL_SEEN, _DOUBT_TILT, _DOUBT_PX = 1.55, math.radians(3.5), 1.5  # support; for each 1 below it
 
 
+@dataclass(frozen=True, kw_only=True)
+class Aside:
+    """What a camera does not see itself: how the board is turned [rad] and how much nearer than
+    nominal it is [m]; where the peg's tip is along the camera's axis [m], which is about where the
+    hand is if that is None, and by how much the peg's axis comes nearer where it rises by 1."""
+
+    board_yaw: float = 0.0
+    board_x: float = 0.0
+    tip_x: float | None = None
+    lean: float = 0.0
+
+
+NOMINAL = Aside()
+
+
 def measure_edges(
-    view: View, task: Task, pose: Pose, *, board_yaw: float = 0.0, offset: Offset = UNKNOWN
+    view: View,
+    task: Task,
+    pose: Pose,
+    *,
+    aside: Aside = NOMINAL,
+    offset: Offset = UNKNOWN,
 ) -> Scene:
     """Measure the peg and the hole in a picture from +x, without colour. Not found is None, with
     the reason.
 
-    `pose` is the measured one of the hinge point, `board_yaw` [rad] the board's. A picture from
-    another side, with level columns, is measured with camera and pose turned about z to +x.
+    `pose` is the measured one of the hinge point. A picture from another side, with level columns,
+    is measured with camera and pose turned about z to +x.
     """
     smooth = cv2.GaussianBlur(view.image.astype(np.float32), (0, 0), _BLUR)
     picture = np.asarray(smooth, np.float32)
     problems: list[str] = []
-    block = _block(picture, view.camera, board_yaw, offset)
+    from_block = replace(view.camera, position=view.camera.position - (aside.board_x, 0.0, 0.0))
+    block = _block(picture, from_block, aside.board_yaw, offset)
     if block is None:
         problems.append("no hole: no pair of upright edges as wide as the block")
     roll, top = (0.0, math.inf) if block is None else (block.roll, block.top)
-    found = peg_lines(picture, view.camera, task, pose, offset, top)
+    peg_x = pose.x if aside.tip_x is None else aside.tip_x + aside.lean * task.peg.length / 2
+    from_peg = replace(view.camera, position=view.camera.position - (peg_x, 0.0, 0.0))
+    found = peg_lines(picture, from_peg, task, replace(pose, x=0.0), offset, top)
     if found is None:
         problems.append("no peg: no lines like its sides where the arm holds it")
     return Scene(
-        peg=None if found is None else _peg(found, view.camera, task, pose, offset, roll),
-        hole=None if block is None else _hole(block, view.camera, board_yaw, offset),
+        peg=None if found is None else _peg(found, from_peg, task, pose, offset, aside.lean, roll),
+        hole=None if block is None else _hole(block, from_block, aside.board_yaw, offset),
         problems=tuple(problems),
         time_s=view.time_s,
     )
@@ -89,24 +114,25 @@ class _Block:
 def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Block | None:
     scale = 1.0 / camera.metres_per_pixel(BLOCK_SIZE[0] / 2)
     top, up_down = _row(camera, -offset.z.value), (_BOARD_REACH + offset.reach) * scale
-    left, right = _block_at(camera, yaw, -offset.y.value)
+    outer, face = _block_at(camera, yaw, -offset.y.value)
     rows = slice(round(top + up_down), camera.height - 6)
     uprights = upright(picture, piece=_PIECE)
     column = uprights[rows][_PIECE // 2 :: _PIECE].mean(axis=0)
-    at = _uprights_at(column, left, right, round((_HOLE_REACH + offset.reach) * scale))
-    if at is None:
-        return None
-    points: list[Step] = []
-    pieces = range(rows.start, rows.stop - _PIECE, _PIECE)
-    for row in pieces:
-        profile = picture[row : row + _PIECE].mean(axis=0)
-        for line, column_at in enumerate(at):
-            points += [
-                (line, place + 0.5, row + _PIECE / 2, weight(step))
-                for place, step in peaks(profile, column_at, 3.5)
-            ]
-    pair = fit_pair(points, right - left, _MOST_ROLL)
-    if pair is None or pair.support < _LEAST_SUPPORT * len(pieces):
+    slack = round((_HOLE_REACH + offset.reach) * scale)
+    pair = _pair(picture, column, rows, outer, slack)
+    if outer[1] - outer[0] - (face[1] - face[0]) > _TURNED_PX:
+        # Turned, it shows two faces, of which the narrow one may be as dark as what is behind.
+        of_face = _pair(picture, column, rows, face, slack)
+        if of_face is not None:
+            wider = replace(
+                of_face,
+                left=of_face.left + outer[0] - face[0],
+                right=of_face.right + outer[1] - face[1],
+            )
+            corners = (outer[0], *face, outer[1])
+            if pair is None or _seen(column, wider, corners) > _SURE + _seen(column, pair, corners):
+                pair = wider
+    if pair is None:
         return None
     found = _block_top(picture, uprights, pair, top, up_down)
     if found is None:
@@ -124,6 +150,38 @@ def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Bloc
         place_sd=pair.place_sd,
         top_sd=top_sd,
     )
+
+
+def _pair(
+    picture: Floats, column: Floats, rows: slice, at: tuple[float, float], slack: int
+) -> Pair | None:
+    """The best pair of upright edges as far apart as `at` and within `slack` of it [px]."""
+    left, right = at
+    near = _uprights_at(column, left, right, slack)
+    if near is None:
+        return None
+    points: list[Step] = []
+    pieces = range(rows.start, rows.stop - _PIECE, _PIECE)
+    for row in pieces:
+        profile = picture[row : row + _PIECE].mean(axis=0)
+        for line, column_at in enumerate(near):
+            points += [
+                (line, place + 0.5, row + _PIECE / 2, weight(step))
+                for place, step in peaks(profile, column_at, 3.5)
+            ]
+    pair = fit_pair(points, right - left, _MOST_ROLL)
+    if pair is None or pair.support < _LEAST_SUPPORT * len(pieces):
+        return None
+    return pair
+
+
+def _seen(column: Floats, pair: Pair, corners: tuple[float, ...]) -> float:
+    """How strong the upright edges are at all corners [px], if the outermost are that pair."""
+    total = 0.0
+    for corner in corners:
+        at = round(pair.left + corner - corners[0])
+        total += float(np.max(column[max(0, at - 2) : at + 3], initial=0.0))
+    return total
 
 
 def _uprights_at(column: Floats, left: float, right: float, slack: int) -> tuple[int, int] | None:
@@ -169,16 +227,23 @@ def _block_top(
     return row, max(0.2, 1.25 * spread / math.sqrt(len(places)))
 
 
-def _block_at(camera: Camera, yaw: float, y: float) -> tuple[float, float]:
-    """Columns of the outermost upright edges of a block with its axis at `y` [m]."""
+def _block_at(
+    camera: Camera, yaw: float, y: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Columns of the outermost upright edges of a block with its axis at `y` [m], and of the edges
+    of its nearest face."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
-    columns = [
-        camera.project(np.array([cos * a - sin * b, y + sin * a + cos * b, camera.position[2]]))[0]
+    far, near = (
+        [
+            camera.project(
+                np.array([cos * a - sin * b, y + sin * a + cos * b, camera.position[2]])
+            )[0]
+            for b in (-half_y, half_y)
+        ]
         for a in (-half_x, half_x)
-        for b in (-half_y, half_y)
-    ]
-    return min(columns), max(columns)
+    )
+    return (min(far + near), max(far + near)), (near[0], near[1])
 
 
 def _row(camera: Camera, z: float) -> float:
@@ -193,7 +258,7 @@ def _hole(block: _Block, camera: Camera, yaw: float, offset: Offset) -> HoleSeen
     mpp = camera.metres_per_pixel(front)
     seen, y = (block.left + block.right) / 2, 0.0
     for _ in range(3):
-        left, right = _block_at(camera, yaw, y)
+        left, right = _block_at(camera, yaw, y)[0]
         y += (seen - (left + right) / 2) * mpp
     x = front if block.top < camera.height / 2 else -front
     _, surface = camera.on_plane_x(camera.width / 2, block.top, x)
@@ -218,13 +283,21 @@ def _shifted(value: float, sd: float, offset: Measured) -> Measured:
 
 
 def _peg(
-    lines: PegLines, camera: Camera, task: Task, pose: Pose, offset: Offset, roll: float
+    lines: PegLines,
+    camera: Camera,
+    task: Task,
+    pose: Pose,
+    offset: Offset,
+    lean: float,
+    roll: float,
 ) -> PegSeen:
     peg = task.peg
     tilt = lines.tilt - roll
     left, right, top = unrolled(camera, np.array([lines.left, lines.right, lines.top]), roll)
     near = peg.front(0.3 * peg.half_extents[1], pose.yaw)
-    _, top_z = camera.on_plane_x(float(top[0]), float(top[1]), near)
+    at_top = near + lean * peg.length / 2
+    _, top_z = camera.on_plane_x(float(top[0]), float(top[1]), at_top)
+    top_z += near * lean  # its near edge is the lower one where it leans towards the camera
     y, z = axis_between(camera, left, right, tilt, peg, pose.yaw)
     tip_z = top_z - peg.length * math.cos(tilt)
     tip_y = y - (tip_z - z) * math.tan(tilt)

@@ -28,16 +28,21 @@ _LEAST_STEP, _NOT_MUCH_WEAKER = 0.8, 0.4  # [grey levels a pixel]; share of the 
 
 def upright(picture: Floats, *, piece: int) -> Floats:
     """How strong an upright edge there is around each pixel, over `piece` rows: 0 to 1."""
-    return _strengths(cv2.Scharr(picture, cv2.CV_32F, 1, 0), (1, piece))
+    return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 1, 0)), (1, piece)))
 
 
 def level(picture: Floats, *, piece: int) -> Floats:
     """How strong a level edge there is around each pixel, over `piece` columns: 0 to 1."""
-    return _strengths(cv2.Scharr(picture, cv2.CV_32F, 0, 1), (piece, 1))
+    return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 0, 1)), (piece, 1)))
 
 
-def _strengths(derivative: NDArray[Any], piece: tuple[int, int]) -> Floats:
-    mean = cv2.blur(np.clip(derivative / 32, -_CLIP, _CLIP), piece)
+def clipped(derivative: NDArray[Any]) -> Floats:
+    """A Scharr derivative in grey levels a pixel; steep steps count no more than clear ones."""
+    return np.asarray(np.clip(derivative / 32, -_CLIP, _CLIP), np.float32)
+
+
+def strength(mean: NDArray[Any]) -> Floats:
+    """How strong an edge is, 0 to 1, whose derivative has this mean along a piece (h, w, 3)."""
     step = np.sqrt(np.einsum("ijk,ijk->ij", mean, mean))
     return np.asarray(step / (step + _CLEAR), np.float32)
 
@@ -45,7 +50,10 @@ def _strengths(derivative: NDArray[Any], piece: tuple[int, int]) -> Floats:
 def peaks(profile: Floats, around: float, reach: float) -> list[tuple[float, float]]:
     """(place, strength) of the steps in a profile (n, channels) near an index, to a part of a
     pixel: all that are not much weaker than the strongest."""
-    steps = np.linalg.norm(np.gradient(profile, axis=0), axis=1)
+    rises = np.empty_like(profile)  # np.gradient takes three times as long on so few values
+    rises[1:-1] = (profile[2:] - profile[:-2]) / 2
+    rises[0], rises[-1] = profile[1] - profile[0], profile[-1] - profile[-2]
+    steps = np.sqrt(np.einsum("ij,ij->i", rises, rises))
     low, high = max(1, math.ceil(around - reach)), min(len(steps) - 2, math.floor(around + reach))
     here, before, after = steps[low : high + 1], steps[low - 1 : high], steps[low + 1 : high + 2]
     tops = np.flatnonzero((here >= before) & (here > after) & (here > _LEAST_STEP))

@@ -115,20 +115,24 @@ def _search(
     across = np.arange(-window[0], window[0] + 1)
     along = np.arange(-window[1], window[1] + 1)
     columns, rows = wide + across, window[1] + long + 4 + along  # of the tip
-    lefts, rights = columns - round(half), columns + round(half)
+
+    def shifted(values: Floats, up: int, right: int) -> Floats:
+        """What is so far from each place of the tip."""
+        top, left = int(rows[0]) - up, int(columns[0]) + right
+        return values[top : top + len(rows), left : left + len(columns)]
+
     totals = [np.zeros((len(rows), len(columns)), np.float32) for _ in range(3)]
-    for up in np.arange(piece / 2, length, piece):
-        at_rows = rows - round(float(up))
-        counts = (1.0 if up < _FREE * length else 0.5) * seen[np.ix_(at_rows, columns)]
-        totals[0] += counts * sides[np.ix_(at_rows, lefts)]
-        totals[1] += counts * sides[np.ix_(at_rows, rights)]
+    for at_up in np.arange(piece / 2, length, piece):
+        up = round(float(at_up))
+        counts = (1.0 if at_up < _FREE * length else 0.5) * shifted(seen, up, 0)
+        totals[0] += counts * shifted(sides, up, -round(half))
+        totals[1] += counts * shifted(sides, up, round(half))
         totals[2] += counts
     weaker = np.minimum(totals[0], totals[1]) / np.maximum(totals[2], 1e-6)
     ends, quarter = [], round(0.4 * half)
     for shift in (long, 0):
-        at_rows = rows - shift
-        ends.append(sum(across_axis[np.ix_(at_rows, columns + o)] for o in (-quarter, quarter)) / 2)
-    bottom_seen = seen[np.ix_(rows, columns)]
+        ends.append(sum(shifted(across_axis, shift, o) for o in (-quarter, quarter)) / 2)
+    bottom_seen = shifted(seen, 0, 0)
     score = (2 * weaker + ends[0] + bottom_seen * ends[1]) / (3 + bottom_seen)
     n = int(np.argmax(score))
     row, column = divmod(n, len(columns))

@@ -12,11 +12,12 @@ from typing import Protocol
 from pliant.cell import View
 from pliant.pose import Pose
 from pliant.task import Task
-from pliant.vision.edges import measure_edges
+from pliant.vision.edges import NOMINAL, Aside, measure_edges
 from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.offset import UNKNOWN, Offset, hanging_tip, offset_between
+from pliant.vision.outline import board_outline
 from pliant.vision.scene import Across, Measured, Scene
-from pliant.vision.surround import FRONT, SIDE, quarter_turned, see
+from pliant.vision.surround import FRONT, OBLIQUE, SIDE, quarter_turned, see
 
 _FREE_M = 0.012  # a tip this far above the board hangs freely
 _CALIBRATIONS = 2  # looks, half a swing apart, that calibrate a camera
@@ -47,19 +48,32 @@ class ByEdges:
 
     Each camera is calibrated by the first looks at the freely hanging peg, whose tip the arm knows:
     there the tool takes on `hang_share` of the hand's angle, and the wrist is stretched by `sag_m`
-    [m]. The board's yaw is not measured.
+    [m]. The block's outline in the oblique picture shows how the board is turned.
     """
 
     def __init__(self, task: Task, *, hang_share: float, sag_m: float) -> None:
         self._task, self._hang_share, self._sag_m = task, hang_share, sag_m
         self._offsets: dict[str, list[Offset]] = {SIDE: [], FRONT: []}
+        self._board_yaw = 0.0  # last seen
+        self._from = {SIDE: NOMINAL, FRONT: NOMINAL}
 
     def __call__(self, views: Mapping[str, View], pose: Pose) -> Scene:
+        board = board_outline(views[OBLIQUE]) if OBLIQUE in views else None
+        if board is not None:
+            self._board_yaw = board.yaw.value
+        if FRONT in views and not self._offsets[FRONT]:
+            if board is not None:
+                self._from = {SIDE: Aside(board_x=board.x), FRONT: Aside(board_x=board.y)}
+            self._measure(views, pose)  # for what each camera shows of the other's depth
+            self._offsets = {SIDE: [], FRONT: []}
+        return replace(self._measure(views, pose), board_yaw=None if board is None else board.yaw)
+
+    def _measure(self, views: Mapping[str, View], pose: Pose) -> Scene:
         scene = self._measured(SIDE, views[SIDE], pose)
+        self._from[FRONT] = self._past(scene, self._from[FRONT], 1.0)
         if FRONT not in views:
             return scene
-        view = replace(views[FRONT], camera=quarter_turned(views[FRONT].camera))
-        turned = Pose(
+        beside = Pose(
             x=pose.y,
             y=-pose.x,
             z=pose.z,
@@ -67,7 +81,9 @@ class ByEdges:
             pitch=-pose.roll,
             yaw=pose.yaw - math.pi / 2,
         )
-        seen = self._measured(FRONT, view, turned)
+        view = replace(views[FRONT], camera=quarter_turned(views[FRONT].camera))
+        seen = self._measured(FRONT, view, beside)
+        self._from[SIDE] = self._past(seen, self._from[SIDE], -1.0)
         across = Across(
             tip_x=None if seen.peg is None else _mirrored(seen.peg.tip_y),
             pitch=None if seen.peg is None else seen.peg.tilt,
@@ -75,18 +91,33 @@ class ByEdges:
         )
         return replace(scene, across=across)
 
+    def _past(self, seen: Scene, before: Aside, sign: float) -> Aside:
+        """What one camera shows of how near things are to the other."""
+        aside = replace(before, board_yaw=self._board_yaw)
+        if seen.hole is not None:
+            aside = replace(aside, board_x=sign * seen.hole.y.value)
+        if seen.peg is not None:
+            lean = -sign * math.tan(seen.peg.tilt.value)
+            aside = replace(aside, tip_x=sign * seen.peg.tip_y.value, lean=lean)
+        return aside
+
     def _measured(self, camera: str, view: View, pose: Pose) -> Scene:
         known, task = self._offsets[camera], self._task
-        scene = measure_edges(view, task, pose, offset=_mean(known))
+        aside = replace(self._from[camera], board_yaw=self._board_yaw)
+
+        def measured(offset: Offset) -> Scene:
+            return measure_edges(view, task, pose, aside=aside, offset=offset)
+
+        scene = measured(_mean(known))
         free = pose.z - task.tip_below_hinge - self._sag_m > _FREE_M
         if len(known) < _CALIBRATIONS and free and scene.peg is not None:
-            raw = measure_edges(view, task, pose)
+            raw = measured(UNKNOWN)
             if raw.peg is not None:
                 tip = hanging_tip(
                     task, pose, raw.peg.tilt, hang_share=self._hang_share, sag_m=self._sag_m
                 )
                 known.append(offset_between(tip, raw.peg))
-            scene = measure_edges(view, task, pose, offset=_mean(known))
+            scene = measured(_mean(known))
         return scene
 
 
