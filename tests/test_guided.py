@@ -1,6 +1,7 @@
 """Skills guided by what is seen and felt: how they move, what they believe, what they insert."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ from hypothesis import strategies as st
 from pliant.belief import Belief, Seen, believed, fold, softly
 from pliant.cell import Stop
 from pliant.conditions import condition
+from pliant.errors import InputError
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.levels import load_level
 from pliant.pose import Pose
 from pliant.records import Trial
 from pliant.sim.cell import SimCell
+from pliant.skills import kind_of
 from pliant.skills.hand import Frame
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -96,14 +99,16 @@ def test_the_holes_frame_and_the_task_frame_are_each_others_inverse(
 # --- trials --------------------------------------------------------------------------------------
 
 
-def inserted(level: str, peg: str, seed: int, reasoner: str = "rules") -> Trial:
+def inserted(
+    level: str, peg: str, seed: int, reasoner: str = "rules", skills: str | None = None
+) -> Trial:
     rung = load_level(level)
     spec = Spec(
         task=load_task(peg, level),
         condition=rung.on(condition("all")),
         seed=seed,
         reasoner=reasoner,
-        skills=rung.skills,
+        skills=skills or rung.skills,
     )
     return perform(spec, SimCell(), TEACHING)
 
@@ -161,3 +166,40 @@ def test_a_strike_in_the_middle_is_survived() -> None:
     trial = inserted("L6", "square", 9002)
     assert trial.drawn["board_shift"] >= 0.005
     assert trial.inserted
+
+
+def test_without_a_mechanism_a_trial_says_so_and_does_not_use_it() -> None:
+    def turned(trial: Trial) -> int:
+        """Motions that turn the hand about z alone."""
+        motions = [m for e in trial.executions for m in e.outcome.motions]
+        pairs = pairwise(motions)
+        return sum(
+            a.requested.yaw != b.requested.yaw
+            and np.allclose(a.requested.position(), b.requested.position())
+            for a, b in pairs
+        )
+
+    whole, without = (
+        inserted("L1", "circle", 9003),
+        inserted("L1", "circle", 9003, skills="guided-dither-ease"),
+    )
+    assert without.skills == "guided-dither-ease"
+    assert turned(whole) > 0
+    assert turned(without) == 0
+
+
+def test_without_the_median_the_last_reading_decides() -> None:
+    readings = (0.005, 0.005, 0.005, 0.015)
+    found = fold((hole_at(y) for y in readings), TEACHING, soft=True, memory=1).hole_y
+    assert found is not None
+    assert found.value == 0.015
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("agile", "guided"), ("guided-magic", "dither"), ("planar-ease", "guided")]
+)
+def test_skills_that_there_are_not_are_refused_with_those_that_there_are(
+    name: str, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        kind_of(name)

@@ -14,7 +14,7 @@ from pliant.vision.scene import Measured, Scene
 
 _JUMP_M = 0.003  # a reading so far from the belief is not believed until others agree
 _AGREE = 3  # readings in a row that must agree with each other against the belief
-_KEPT = 5  # readings that the median is taken of
+MEMORY = 5  # readings that the median is taken of
 _FREE_M = 0.008  # a tip this far above the board hangs freely
 
 
@@ -47,14 +47,20 @@ class Seen:
     scene: Scene
 
 
-def fold(looks: Iterable[Seen], teaching: Teaching, *, soft: bool = False) -> Belief:
+def fold(
+    looks: Iterable[Seen], teaching: Teaching, *, soft: bool = False, memory: int = MEMORY
+) -> Belief:
     """The belief after these looks in order. `soft` is for cells whose board may move and whose
-    readings may be wrong."""
+    readings may be wrong: it takes the median of `memory` of them."""
     belief = Belief()
     readings = 0
     for look in looks:
         readings += look.scene.hole is not None
-        belief = softly(belief, look, teaching) if soft else _mean(belief, look, teaching, readings)
+        belief = (
+            softly(belief, look, teaching, memory)
+            if soft
+            else _mean(belief, look, teaching, readings)
+        )
     return belief
 
 
@@ -94,7 +100,7 @@ def believed(scene: Scene, belief: Belief) -> Scene:
 # --- soft evidence -------------------------------------------------------------------------------
 
 
-def softly(belief: Belief, look: Seen, teaching: Teaching) -> Belief:
+def softly(belief: Belief, look: Seen, teaching: Teaching, memory: int = MEMORY) -> Belief:
     """The belief after one more look, of which one wrong reading must not poison it.
 
     The hole and the board are medians of the last readings; one that jumps is believed when others
@@ -110,7 +116,7 @@ def softly(belief: Belief, look: Seen, teaching: Teaching) -> Belief:
     new["board_yaw"] = scene.board_yaw
     for name, reading in new.items():
         if reading is not None:
-            belief = _weighed(belief, name, reading)
+            belief = _weighed(belief, name, reading, memory)
     free = (
         scene.peg is not None
         and belief.surface_z is not None
@@ -171,9 +177,9 @@ def sag_m(teaching: Teaching) -> float:
     return (z.value - seen.peg.tip_z.value) / math.cos(shown.pose.roll) ** 2
 
 
-def _weighed(belief: Belief, name: str, reading: Measured) -> Belief:
+def _weighed(belief: Belief, name: str, reading: Measured, memory: int) -> Belief:
     jump = _JUMP_M if name != "board_yaw" else math.radians(3)
-    kept = (*belief.readings.get(name, ()), reading.value)[-_KEPT:]
+    kept = (*belief.readings.get(name, ()), reading.value)[-memory:]
     last = kept[-_AGREE:]
     agree = len(last) == _AGREE and max(last) - min(last) < jump / 2
     if agree and abs(median(last) - median(kept)) > jump / 2:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
-from pliant.belief import Belief, Seen, fold
+from pliant.belief import MEMORY, Belief, Seen, fold
 from pliant.cell import Robot
 from pliant.checks import check, check_guided
 from pliant.envelope import Guarded, Limits
@@ -82,6 +82,7 @@ class Run:
     reasoner: Reasoner
     skill: Skill
     skills: str = PLANAR  # the set that `skill` is of
+    memory: int = MEMORY  # readings that a soft belief goes by
     limits: Limits = field(default_factory=Limits)
     patience: Patience = field(default_factory=Patience)
     sight: Sight | None = None  # None: by colour, as in simulation
@@ -213,4 +214,4 @@ class Run:
             for o in outcomes
             for look in o.looks
         )
-        return fold(seen, self.teaching, soft=self.skills != PLANAR)
+        return fold(seen, self.teaching, soft=self.skills != PLANAR, memory=self.memory)

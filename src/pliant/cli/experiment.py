@@ -55,7 +55,8 @@ def experiment(
         first_seed: default 1; seeds pair across cells.
         level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
             paper's grid.
-        skills: planar (the paper's) or guided; default the level's.
+        skills: planar (the paper's) or guided, also without some of its mechanisms: guided-ease;
+            default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
         cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
             and asked how each trial went.

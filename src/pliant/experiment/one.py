@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from pliant.belief import hang_share, sag_m
+from pliant.belief import MEMORY, hang_share, sag_m
 from pliant.cell import Truth, Workcell
 from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
@@ -18,7 +18,7 @@ from pliant.reasoners import reasoner, vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
-from pliant.skills import PLANAR, skill_set
+from pliant.skills import PLANAR, kind_of, lacks, skill_set
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.trial import Patience, Run
@@ -88,7 +88,8 @@ def perform(
             teaching=teaching,
             reasoner=mind,
             skill=skill_set(spec.skills, spec.task, teaching, limits),
-            skills=spec.skills,
+            skills=kind_of(spec.skills),
+            memory=1 if "median" in lacks(spec.skills) else MEMORY,
             limits=limits,
             patience=Patience(),
             sight=_sight(spec, teaching, colours),
@@ -131,7 +132,8 @@ def _sight(spec: Spec, teaching: Teaching, colours: Colours) -> Sight:
     """By colour, or by edges where a level's colours are anything."""
     if load_level(spec.task.level).senses == EDGES:
         share, sag = hang_share(teaching), sag_m(teaching)
-        return ByEdges(spec.task, hang_share=share, sag_m=sag)
+        calibrates = "calibration" not in lacks(spec.skills)
+        return ByEdges(spec.task, hang_share=share, sag_m=sag, calibrates=calibrates)
     return ByColour(spec.task, colours)
 
 

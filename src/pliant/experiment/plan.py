@@ -40,7 +40,7 @@ from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import SCHEMA
-from pliant.skills import PLANAR, SETS
+from pliant.skills import PLANAR, kind_of
 from pliant.task import Task, load_task
 from pliant.teaching import Teaching
 
@@ -272,8 +272,7 @@ def _cells(block: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[Cell]
             raise InputError(f"a cell lacks its {single}: give one, or a list of them")
     pegs, conditions, reasoners = (_many(block[single]) for single in _BLOCK.values())
     skills = level.skills if block.get("skills") is None else _name("skills", block["skills"])
-    if skills not in SETS:
-        raise unknown("skills", skills, SETS)
+    kind_of(skills)
     tasks = [load_task(_name("peg", peg), level.name) for peg in pegs]
     drawn = [level.on(parse_condition(entry)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]

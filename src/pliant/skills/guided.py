@@ -152,7 +152,8 @@ class Guided:
             inside = corner.depth > _IN_HOLE
             if inside and (at_wall or corner.trailing_depth > 0.0):
                 return
-            hand.load(_UNLOADED)
+            if not hand.lacks("unload"):
+                hand.load(_UNLOADED)
             beside = corner.y - _ON_HOLE
             if inside:
                 hand.shift(y=-max(0.003, min(0.010, corner.y + 0.003)))
@@ -177,14 +178,16 @@ class Guided:
         upright = belief.upright_roll.value if belief.upright_roll else 0.0
         over = self._hinge_over_hole(hand) + shift
         here = hand.frame.inside(hand.at)
-        hand.load(_LIGHT)
+        light = _PRESSED if hand.lacks("light") else _LIGHT
+        past = 0.0 if hand.lacks("hold") else _HOLD
+        hand.load(light)
         parts = 5
         for k in range(1, parts + 1):
             part = k / parts
             y = here.y + part * (over - here.y)
-            roll = here.roll + part * (upright - _HOLD - here.roll)
+            roll = here.roll + part * (upright - past - here.roll)
             hand.inside(y=y, roll=roll)
-            hand.load(_LIGHT)
+            hand.load(light)
             hand.dither(math.radians(2.5))
         for attempt in range(4):
             seen = hand.tip()
@@ -198,7 +201,7 @@ class Guided:
             for sweep in (-0.004, 0.003, 0.0):
                 hand.inside(y=over + sweep)
                 hand.dither(math.radians(3.0))
-            hand.load(_LIGHT)
+            hand.load(light)
         hand.inside(roll=upright)
         hand.dither(math.radians(2.5))
 
@@ -225,7 +228,7 @@ class Guided:
                 if stuck > 8:
                     return
                 hand.load(WORKED)
-                if stuck % 3:
+                if stuck % 3 and not hand.lacks("ease"):
                     hand.ease(0.0005 * (1 + stuck))
                 else:
                     hand.shake(stuck)
@@ -233,7 +236,7 @@ class Guided:
                 continue
             stuck = 0
             before = depth
-            if abs(tilt.value) > 2 * tilt.sd:
+            if abs(tilt.value) > 2 * tilt.sd and not hand.lacks("recentre"):
                 lean = self.task.tip_below_hinge * math.sin(tilt.value)
                 here = hand.frame.inside(hand.at).y
                 straight = bounded(lean, 0.004)

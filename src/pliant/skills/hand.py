@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pliant.belief import Belief, Seen, in_hand, softly
+from pliant.belief import MEMORY, Belief, Seen, in_hand, softly
 from pliant.cell import Motion, Robot, Stop
 from pliant.envelope import Limits
 from pliant.formations import Formation
@@ -27,11 +27,26 @@ _LIFTS = 40  # short lifts and shakes out of the hole, at most
 _HALF_SWING_S = 0.19  # of the tool that hangs from the soft wrist
 
 
+MECHANISMS = (
+    "swing",  # two looks half a swing apart tell where the hanging peg will come to rest
+    "unload",  # what is pressed does not travel
+    "light",  # Align turns the peg under a light load
+    "hold",  # and turns the hand past upright, so that the torque holds the tip at the far wall
+    "dither",  # turns about z under load, to both sides
+    "recentre",  # Insertion straightens the peg by what the picture shows
+    "ease",  # and shifts the hand to where the wrist springs back
+    "median",  # one reading of the hole does not decide
+    "calibration",  # a camera is corrected by the hanging peg (where edges are measured)
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Manner:
-    """How the guided skills move: workspace, speeds [m/s], limit [m], waits [s]."""
+    """How the guided skills move: workspace, speeds [m/s], limit [m], waits [s]; which of their
+    mechanisms they go without."""
 
     limits: Limits = field(default_factory=Limits)
+    lacks: frozenset[str] = frozenset()
     free_speed_m_s: float = 0.05
     contact_speed_m_s: float = 0.02
     guarded_speed_m_s: float = 0.03
@@ -39,6 +54,11 @@ class Manner:
     compression_limit_m: float = 0.020  # from free hang
     swing_s: float = 0.8  # until a free-hanging peg is nearly at rest
     rest_s: float = 0.3
+
+    @property
+    def memory(self) -> int:
+        """Of how many readings the hole's place is the median."""
+        return 1 if "median" in self.lacks else MEMORY
 
 
 class Stopped(Exception):
@@ -118,6 +138,9 @@ class Hand:
         self._manner, self._task, self._teaching = manner, task, teaching
         self._look, self._formation = look, formation
 
+    def lacks(self, mechanism: str) -> bool:
+        return mechanism in self._manner.lacks
+
     # --- motion ----------------------------------------------------------------------------------
 
     def to(self, pose: Pose, speed: float) -> None:
@@ -137,6 +160,8 @@ class Hand:
 
     def dither(self, angle: float) -> None:
         """Turn the hand about z by so much to either side [rad], and back."""
+        if self.lacks("dither"):
+            return
         here = self.at
         for yaw in (here.yaw + angle, here.yaw - angle, here.yaw):
             self.to(replace(here, yaw=yaw), self._manner.turning_speed_m_s)
@@ -210,7 +235,7 @@ class Hand:
         """Look; the tip of the peg [m], or None if the peg or the hole is not seen."""
         look = self._look(cameras)
         self.looks.append(look)
-        self.belief = softly(self.belief, self._seen(look), self._teaching)
+        self.belief = softly(self.belief, self._seen(look), self._teaching, self._manner.memory)
         peg = look.scene.peg
         if peg is None or self.belief.hole_y is None:
             return None
@@ -225,6 +250,8 @@ class Hand:
         """The tip of the hanging peg [m], from two looks half a swing apart, whose mean is where it
         will come to rest."""
         one = self.see(cameras)
+        if self.lacks("swing"):
+            return None if one is None else one.tip
         self.robot.settle(_HALF_SWING_S)
         other = self.see((SIDE, FRONT))
         if one is None or other is None:

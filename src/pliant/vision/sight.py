@@ -51,8 +51,11 @@ class ByEdges:
     [m]. The block's outline in the oblique picture shows how the board is turned.
     """
 
-    def __init__(self, task: Task, *, hang_share: float, sag_m: float) -> None:
+    def __init__(
+        self, task: Task, *, hang_share: float, sag_m: float, calibrates: bool = True
+    ) -> None:
         self._task, self._hang_share, self._sag_m = task, hang_share, sag_m
+        self._calibrations = _CALIBRATIONS if calibrates else 0
         self._offsets: dict[str, list[Offset]] = {SIDE: [], FRONT: []}
         self._board_yaw = 0.0  # last seen
         self._from = {SIDE: NOMINAL, FRONT: NOMINAL}
@@ -110,7 +113,7 @@ class ByEdges:
 
         scene = measured(_mean(known))
         free = pose.z - task.tip_below_hinge - self._sag_m > _FREE_M
-        if len(known) < _CALIBRATIONS and free and scene.peg is not None:
+        if len(known) < self._calibrations and free and scene.peg is not None:
             raw = measured(UNKNOWN)
             if raw.peg is not None:
                 tip = hanging_tip(

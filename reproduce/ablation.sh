@@ -1,0 +1,19 @@
+#!/bin/sh
+# What each mechanism of the guided skills is worth: reproduce/ablation.sh [FOLDER]. The first ten of
+# the ladder's seeds, three pegs, one mechanism left out at a time, where it should matter.
+set -eu
+cd "$(dirname "$0")/.."
+out=${1:-runs/ablation}
+without() {  # LEVEL MECHANISM...
+    level=$1
+    shift
+    for mechanism in "$@"; do
+        .venv/bin/pliant experiment --level "$level" --skills "guided$mechanism" --trials 10 \
+            --first-seed 20001 --out "$out/$level$mechanism"
+    done
+}
+without L4 "" -swing -unload -light -hold -dither -recentre -ease
+without L2 "" -recentre -ease
+without L6+ "" -median
+without L5 "" -calibration
+.venv/bin/python reproduce/ladder.py reproduce/results/ladder_ablation.json "$out"/*
