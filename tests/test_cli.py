@@ -84,7 +84,7 @@ def test_a_peg_and_a_reasoner_of_ones_own_run(tmp_path: Path) -> None:
         (("--reasoner", "missing.py:Mine"), "does not exist"),
         (("--live",), "needs a screen"),
         (("--cell", "missing.yaml"), "cell file 'missing.yaml' cannot be read"),
-        (("--cell", CELL), "condition 'all' draws the friction, which nobody can set"),
+        (("--cell", CELL), "condition 'all' on level L0 draws friction, which nobody can set"),
         (("--cell", CELL, "--condition", "pose"), "a person who places things"),
         (("--cell", CELL, "--condition", "pose", "--live"), "--live shows the simulated cell"),
     ],
