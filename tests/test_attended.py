@@ -2,8 +2,9 @@
 
 import io
 import re
+import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -34,12 +35,14 @@ from pliant.task import Task
 
 EXAMPLE = Path(str(files("pliant") / "ur5e" / "example.yaml"))
 LATER = 500  # control periods of 10 ms: the arm is on its way to Fit
+CTRL_C = "ctrl-c"
 SLOW = """
+import signal
 from pliant.reasoners.rules import Rules
 
 class Slow(Rules):
     def recover(self, case, verdict):
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
 """
 FAR = {"name": "far", "hole_y_mm": [-20, -20], "grasp_roll_deg": [5, 5]}
 
@@ -54,7 +57,7 @@ class HandSet(SimCell):
         self,
         person: AtTerminal,
         periods: int | None = None,
-        fault: BaseException | str = "protective_stop",
+        fault: str = "protective_stop",
     ) -> None:
         super().__init__()
         self.person, self.periods, self.fault = person, periods, fault
@@ -75,9 +78,9 @@ class HandSet(SimCell):
         if self.periods is not None:
             self.periods -= 1
             if self.periods == 0:
-                if isinstance(self.fault, str):
-                    raise RobotFault(self.fault, "the arm has braked")
-                raise self.fault
+                if self.fault == CTRL_C:
+                    signal.raise_signal(signal.SIGINT)
+                raise RobotFault(self.fault, "the arm has braked")
 
 
 class Desk:
@@ -183,11 +186,20 @@ def thinking(engine: Attended, folder: Path, spec: Spec) -> None:
 def telling(engine: Attended, folder: Path, spec: Spec) -> None:
     def tell(execution: Execution, truth: Truth) -> None:
         if execution.formation is Formation.FIT:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
 
     engine.perform(spec, folder, on_execution=tell)
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Also in a background job, which Ctrl-C does not reach."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize(
     ("during", "executed", "aborted"),
     [(moving, 2, Formation.FIT), (thinking, 2, Formation.FIT), (telling, 3, None)],
@@ -202,9 +214,14 @@ def test_ctrl_c_keeps_what_was_done_whatever_was_going_on(
 ) -> None:
     desk.sits_down("y")
     left: list[SimRobot] = []
-    monkeypatch.setattr(SimRobot, "__exit__", lambda robot, *how: left.append(robot))
+
+    def leave(robot: SimRobot, *how: object) -> None:
+        signal.raise_signal(signal.SIGINT)  # pressed again, in the midst of halting
+        left.append(robot)
+
+    monkeypatch.setattr(SimRobot, "__exit__", leave)
     plan = experiment()
-    cell = HandSet(desk.person, LATER if during is moving else None, KeyboardInterrupt())
+    cell = HandSet(desk.person, LATER if during is moving else None, CTRL_C)
     with pytest.raises(KeyboardInterrupt, match="is kept in") as said:
         during(Attended(cell, plan, desk.person), tmp_path, next(plan.specs()))
     (kept,) = (tmp_path / "aborted").iterdir()

@@ -224,6 +224,17 @@ def test_ctrl_c_while_somebody_thinks_ends_the_trial_too(cell: UrCell, emulator:
     assert caught.value.kind == "interrupted"
 
 
+def twice(do: Callable[[], None]) -> Callable[[Admin], None]:
+    """As an impatient person does."""
+
+    def done(admin: Admin) -> None:
+        do()
+        time.sleep(0.02)
+        do()
+
+    return done
+
+
 def test_ctrl_c_at_the_terminal_leaves_what_was_done_and_an_arm_at_rest(
     emulator: Admin, tmp_path: Path
 ) -> None:
@@ -231,18 +242,18 @@ def test_ctrl_c_at_the_terminal_leaves_what_was_done_and_an_arm_at_rest(
     file, out = tmp_path / "cell.yaml", tmp_path / "out"
     save(file, cell_at(HOST))
     pliant = Path(sys.executable).parent / "pliant"
-    with Terminal([pliant, "run", "--cell", file, "--out", out]) as terminal:
+    endless = ["--condition", "none", "--hole-y-mm", "20", "20", "--reasoner", "retry"]
+    with Terminal([pliant, "run", "--cell", file, "--out", out, *endless]) as terminal:
         terminal.until("contact .*reached")
-        with when_moving(HOST, lambda admin: terminal.press("\x03")):
+        with when_moving(HOST, twice(lambda: terminal.press("\x03"))):
             status, said = terminal.ended()
+    assert status == 130, said
     (kept,) = (out / "aborted").iterdir()
-    assert status == 130
     assert f"what was done of the trial is kept in '{kept}'" in said.replace("\r\n", "")
     trial = load_trial(kept)
     assert trial.end_reason == "fault:interrupted"
-    assert [e.formation for e in trial.executions] == [Formation.APPROACH, Formation.CONTACT]
+    assert len(trial.executions) >= 2
     assert trial.aborted is not None
-    assert trial.aborted.under_way is not None
     assert_at_rest(emulator)
 
 

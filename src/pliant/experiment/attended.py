@@ -1,9 +1,14 @@
 """Trials one after the other, in this process: in a real cell, whose trials need a person, or in an
 emulated one."""
 
-from collections.abc import Callable
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import FrameType
 from typing import Protocol
 
 from pliant import store
@@ -18,6 +23,7 @@ from pliant.records import Execution, Trial
 
 SKIPPED = "fault:skipped"
 """How a trial ends that the person leaves for later."""
+_ONCE_S = 5.0  # Ctrl-C again within this time is the same one
 
 
 class Attendant(Protocol):
@@ -95,6 +101,17 @@ class Attended:
             KeyboardInterrupt: the person stopped; it says where the trial is kept, if it had begun.
             InputError: the cell cannot be prepared, or the record cannot be written.
         """
+        with _ctrl_c_once():
+            return self._perform(spec, folder, record, replay, on_execution)
+
+    def _perform(
+        self,
+        spec: Spec,
+        folder: Path,
+        record: Path | None,
+        replay: Path | None,
+        on_execution: Callable[[Execution, Truth], None] | None,
+    ) -> Trial | None:
         if self._attendant is not None:
             self._attendant.begin(spec)
         trial = perform(
@@ -131,6 +148,29 @@ class Attended:
         named = labelled(trial, self._attendant.label(trial, last_picture(folder, trial)))
         store.save_trial(folder, named)
         return named
+
+
+@contextmanager
+def _ctrl_c_once() -> Iterator[None]:
+    """Who presses Ctrl-C again, while the arm is halted and the trial is written, must not stop
+    that."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    pressed_s = -_ONCE_S
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal pressed_s
+        if (now := time.monotonic()) - pressed_s >= _ONCE_S:
+            pressed_s = now
+            before(number, frame)
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def labelled(trial: Trial, inserted: bool | None) -> Trial:
