@@ -13,6 +13,7 @@ from pliant.levels import Level, load_level
 
 Outline = tuple[tuple[float, float], ...]  # corners x, y [m]
 
+_SQUARE_ON = 0.9  # cosine of how far a flat side may be turned from the camera
 BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block with the hole in it
 _CENTRED_MM = 0.05  # of a peg's middle along y from its axis
 _LEAST_DISTANCE = 0.0005  # [m] of a peg's faces from its axis
@@ -99,6 +100,19 @@ class Peg:
         left = min(turned, key=lambda p: (round(p[1] + slopes[0] * p[0], 9), -p[0]))
         right = max(turned, key=lambda p: (round(p[1] + slopes[1] * p[0], 9), p[0]))
         return (left[1], left[0]), (right[1], right[0])
+
+    def face(self, yaw: float = 0.0) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Places (y, x) [m] from the axis of the left and of the right edge of the flat side that a
+        camera at +x sees nearly square on; None: it has no such side."""
+        if self.radius is not None:
+            return None
+        turned = _turned(self.outline, yaw)
+        for (ax, ay), (bx, by) in zip(turned, turned[1:] + turned[:1], strict=True):
+            middle_x, length = (ax + bx) / 2, math.hypot(bx - ax, by - ay)
+            if middle_x > 0.0 and abs(by - ay) > _SQUARE_ON * length:
+                left, right = sorted(((ay, ax), (by, bx)))
+                return left, right
+        return None
 
     def front(self, within: float, yaw: float = 0.0) -> float:
         """Greatest x [m] of the peg turned by `yaw` [rad], where y is at most `within` [m] from

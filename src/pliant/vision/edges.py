@@ -26,7 +26,7 @@ from pliant.vision.lines import (
     upright,
     weight,
 )
-from pliant.vision.measure import axis_between
+from pliant.vision.measure import between
 from pliant.vision.offset import UNKNOWN, Offset
 from pliant.vision.peg_lines import PegLines, peg_lines
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, Scene
@@ -298,7 +298,7 @@ def _peg(
     at_top = near + lean * peg.length / 2
     _, top_z = camera.on_plane_x(float(top[0]), float(top[1]), at_top)
     top_z += near * lean  # its near edge is the lower one where it leans towards the camera
-    y, z = axis_between(camera, left, right, tilt, peg, pose.yaw)
+    y, z = between(camera, left, right, tilt, lines.edges)
     tip_z = top_z - peg.length * math.cos(tilt)
     tip_y = y - (tip_z - z) * math.tan(tilt)
     mpp = camera.metres_per_pixel(peg.silhouette_x)

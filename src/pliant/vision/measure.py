@@ -21,6 +21,10 @@ Hsv = tuple[int, int, int]
 Points = NDArray[np.float64]  # (n, 2) pixels, column and row
 
 
+Place = tuple[float, float]
+"""Of an edge of the peg, y and x from its axis [m]."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Colours:
     """HSV ranges in OpenCV's units (hue 0-179). Red wraps around zero, so the block has two."""
@@ -235,7 +239,16 @@ def axis_between(
     """A point on the axis of the peg that is turned by `yaw` and leans by `tilt` [rad] to the left,
     from a pixel on its left and one on its right edge."""
     slopes = [(point[0] - camera.width / 2) / camera.focal_px for point in (left, right)]
-    (left_y, left_x), (right_y, right_x) = peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
+    edges = peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
+    return between(camera, left, right, tilt, edges)
+
+
+def between(
+    camera: Camera, left: Points, right: Points, tilt: float, edges: tuple[Place, Place]
+) -> tuple[float, float]:  # (y, z) [m]
+    """As `axis_between`, from a pixel on each of two edges that lie at these places (y, x) [m] from
+    the axis."""
+    (left_y, left_x), (right_y, right_x) = edges
     y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
     y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
     off = (left_y + right_y) / 2  # of the middle from the axis

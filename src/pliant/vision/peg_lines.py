@@ -9,8 +9,9 @@ import numpy as np
 
 from pliant.cell import Camera
 from pliant.pose import Pose
-from pliant.task import Task
+from pliant.task import Peg, Task
 from pliant.vision.lines import Floats, Points, Step, Strip, fit_pair, level, peaks, upright, weight
+from pliant.vision.measure import Place
 from pliant.vision.offset import Offset
 
 _PRESSED = 0.005  # [m] of the wrist, halfway between stretched and pressed as far as it may be
@@ -36,6 +37,7 @@ class PegLines:
     tilt_sd: float
     top_sd: float
     support: float  # of the weaker side and of the top, 0 to 1 each
+    edges: tuple[Place, Place]  # which of the peg's the lines are, from its axis
 
     def tip(self, length: float) -> Points:  # (2,)
         return self.top + length * np.array([math.sin(self.tilt), math.cos(self.tilt)])
@@ -53,32 +55,56 @@ def peg_lines(
     half_size = np.asarray(
         cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32
     )
-    (left_y, _), (right_y, _) = task.peg.silhouette(pose.yaw)
     scale = 1.0 / camera.metres_per_pixel(task.peg.silhouette_x)
-    width, length = (right_y - left_y) * scale, task.peg.length * scale
+    length = task.peg.length * scale
     window = [math.ceil((r + offset.reach) * scale / 2) for r in _TIP_REACH]
     found = []
     for tilt in pose.roll / 2 + np.arange(-_TILT_REACH, _TILT_REACH + 1e-9, _TILT_STEP):
-        tip = _tip_at(camera, task, pose, offset, float(tilt)) / 2
+        tip = _tip_at(camera, task, pose, offset, float(tilt))
+        column = float(tip[0]) - length / 2 * math.sin(tilt)
+        (_, width), *_ = _edges(camera, task.peg, pose.yaw, column)
         found.append(
-            _search(half_size, tip, float(tilt), width / 2, length / 2, window, board_top / 2)
+            _search(half_size, tip / 2, float(tilt), width / 2, length / 2, window, board_top / 2)
         )
     held = 0.5 if task.peg.silhouette_x > _FINGERS_X else 0.0
     fits = []
     for _, place, tilt in sorted(found, key=lambda f: -f[0])[:_TRIED]:
+        edges = _edges(
+            camera, task.peg, pose.yaw, 2 * float(place[0]) - length / 2 * math.sin(tilt)
+        )
         finer = [
-            _search(picture, 2 * place, float(t), width, length, [4, 4], board_top)
+            _search(picture, 2 * place, float(t), edges[0][1], length, [4, 4], board_top)
             for t in tilt + _TILT_STEP / 3 * np.arange(-2, 3)
         ]
         score, place, tilt = max(finer, key=lambda f: f[0])
         if score < _LEAST_SCORE:
             continue
-        fit = _fit_peg(picture, place, tilt, width, length, board_top, held)
-        if fit is not None:
-            again = _fit_peg(picture, fit.tip(length), fit.tilt, width, length, board_top, held)
-            fits.append(again or fit)
+        for pair in edges:
+            fit = _fit_peg(picture, place, tilt, pair, length, board_top, held)
+            if fit is not None:
+                again = _fit_peg(picture, fit.tip(length), fit.tilt, pair, length, board_top, held)
+                fits.append(again or fit)
     best = max(fits, key=lambda f: f.support, default=None)
     return None if best is None or best.support < _LEAST_SUPPORT else best
+
+
+def _edges(
+    camera: Camera, peg: Peg, yaw: float, column: float
+) -> list[tuple[tuple[Place, Place], float]]:
+    """Two edges that may be the clearest of the peg whose axis is at that column, and how far apart
+    they look [px]: its outermost, and those of the side that faces the camera."""
+    y, _ = camera.on_plane_x(column, camera.height / 2, 0.0)
+    slope = (y - camera.position[1]) / camera.position[0]
+    outer, face = peg.silhouette(yaw, slopes=(slope, slope)), peg.face(yaw)
+    found: list[tuple[tuple[Place, Place], float]] = []
+    for edges in (outer, face):
+        if edges is None or (found and edges == outer):
+            continue
+        left, right = (
+            camera.project(np.array([x, y + aside, camera.position[2]]))[0] for aside, x in edges
+        )
+        found.append((edges, right - left))
+    return found
 
 
 def _tip_at(camera: Camera, task: Task, pose: Pose, offset: Offset, tilt: float) -> Points:
@@ -144,13 +170,14 @@ def _fit_peg(
     picture: Floats,
     tip: Points,
     tilt: float,
-    width: float,
+    pair_of: tuple[tuple[Place, Place], float],
     length: float,
     board_top: float,
     held: float,
 ) -> PegLines | None:
     """Lines through the edge points near a peg that the search has found. `held` is the weight of
     those beside the fingers."""
+    edges, width = pair_of
     half, margin = width / 2, 8
     wide, high = math.ceil(half) + margin, math.ceil(length) + 2 * margin
     at = np.array([wide + 0.5, length + margin])  # the tip, in the strip
@@ -196,4 +223,5 @@ def _fit_peg(
         tilt_sd=pair.slope_sd,
         top_sd=max(0.1, 1.25 * spread / math.sqrt(len(places))),
         support=pair.support / max(1.0, pieces) + float(np.mean(found)),
+        edges=edges,
     )

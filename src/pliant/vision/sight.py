@@ -20,6 +20,7 @@ from pliant.vision.scene import Across, Measured, Scene
 from pliant.vision.surround import FRONT, OBLIQUE, SIDE, quarter_turned, see
 
 _FREE_M = 0.012  # a tip this far above the board hangs freely
+_FARTHER, _LEANING = 0.003, 0.01  # [m], and of an axis by its length: what the other camera saw
 _CALIBRATIONS = 2  # looks, half a swing apart, that calibrate a camera
 
 
@@ -86,7 +87,10 @@ class ByEdges:
         )
         view = replace(views[FRONT], camera=quarter_turned(views[FRONT].camera))
         seen = self._measured(FRONT, view, beside)
-        self._from[SIDE] = self._past(seen, self._from[SIDE], -1.0)
+        before = self._from[SIDE]
+        self._from[SIDE] = self._past(seen, before, -1.0)
+        if _differ(before, self._from[SIDE]):
+            scene = self._measured(SIDE, views[SIDE], pose)
         across = Across(
             tip_x=None if seen.peg is None else _mirrored(seen.peg.tip_y),
             pitch=None if seen.peg is None else seen.peg.tilt,
@@ -122,6 +126,13 @@ class ByEdges:
                 known.append(offset_between(tip, raw.peg))
             scene = measured(_mean(known))
         return scene
+
+
+def _differ(one: Aside, other: Aside) -> bool:
+    """By enough to measure again."""
+    if one.tip_x is None or other.tip_x is None:
+        return one.tip_x is not other.tip_x
+    return abs(one.tip_x - other.tip_x) > _FARTHER or abs(one.lean - other.lean) > _LEANING
 
 
 def _mean(offsets: list[Offset]) -> Offset:
