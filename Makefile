@@ -29,7 +29,7 @@ test: setup  ## Style, types, layers, the wheel and the tests
 	$(BIN)/pytest -n auto
 test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a browser
 	@tools/ensure_chromium.sh
-	.cache/venv-system/bin/pytest -m system
+	.cache/venv-system/bin/pytest -m system -n 2 --dist loadfile
 docs: .cache/venv-docs/.synced  ## The documentation as a site that needs no network: site/index.html
 	tools/build_docs.sh
 bench: setup  ## Measure speed
