@@ -1,13 +1,15 @@
 """The ladder is data: what a level changes, and how an experiment takes it."""
 
 import math
+from dataclasses import fields
 
 import pytest
 
+from pliant.cli.ranges import Ranges
 from pliant.conditions import NOMINAL, Condition, condition
 from pliant.errors import InputError
 from pliant.experiment import ladder, plan
-from pliant.levels import load_level, shipped_levels
+from pliant.levels import FIELDS, load_level, shipped_levels
 from pliant.task import load_task, shipped_pegs
 
 
@@ -101,3 +103,7 @@ def test_the_ladders_table_counts_wrong_verdicts_and_false_acceptances() -> None
 def test_the_papers_grid_has_no_rows_on_the_ladder() -> None:
     papers = {**trial("L0", judged=True, inserted=True), "skills": "planar"}
     assert ladder.rows([papers]) == []
+
+
+def test_every_quantity_that_can_be_drawn_has_an_option() -> None:
+    assert [field.name for field in fields(Ranges)] == list(FIELDS)

@@ -27,6 +27,42 @@ class Ranges:
     """The board's angle about the vertical."""
     grasp_pitch_deg: Range = None
     """The peg's angle in the grasp about y."""
+    looks: Range = None
+    """Above 0.5: colours, textures, light, noise and camera places are random."""
+    occluder: Range = None
+    """Above 0.5: a post before the side and the front camera."""
+    stale: Range = None
+    """Share of pictures that are old."""
+    misread: Range = None
+    """Share of the hole's measurements that are 10 mm off."""
+    board_shift_mm: Range = None
+    """How far the board is pushed when it is struck."""
+    board_shift_heading_deg: Range = None
+    """The direction of that push."""
+    grasp_turn_deg: Range = None
+    """How far the peg turns in the grasp then."""
+    grasp_slide_mm: Range = None
+    """How far it slides up then."""
+    struck_at_s: Range = None
+    """When board and grasp are struck."""
+    wrist_stiffness: Range = None
+    """Factor on the wrist's stiffness."""
+    compression_noise_mm: Range = None
+    """Standard deviation of a reading of the compression."""
+    peg_missing: Range = None
+    """Above 0.5: the gripper holds no peg."""
+    peg_wider_mm: Range = None
+    """How much wider along x the peg is than its file says."""
+    plugged_at_mm: Range = None
+    """How far below the surface the hole is plugged."""
+    bar_height_mm: Range = None
+    """Height of a bar across the board."""
+    bar_y_mm: Range = None
+    """That bar's distance from the hole along y."""
+    hole_misread_mm: Range = None
+    """How far off every reading of the hole's y is."""
+    compression_dead: Range = None
+    """Above 0.5: the compression always reads the same."""
 
     def applied_to(self, name: str) -> Any:
         """The condition as an experiment's field: its name, or its ranges with these in place."""

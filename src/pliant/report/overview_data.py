@@ -116,6 +116,9 @@ def command(names: Names, cell: Mapping[str, Any] | None) -> str:
         options += ["--reasoner", reasoner]
     if level != "L0":
         options += ["--level", level]
+    rung, skills = shipped_levels().get(level), (cell or {}).get("skills")
+    if rung is not None and skills not in (None, rung.skills):
+        options += ["--skills", str(skills)]
     return f"pliant run {shlex.join(options)} --seed SEED"
 
 
