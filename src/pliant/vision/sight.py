@@ -17,7 +17,7 @@ from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.offset import UNKNOWN, Offset, hanging_tip, offset_between
 from pliant.vision.outline import board_outline
 from pliant.vision.scene import Across, Measured, Scene
-from pliant.vision.surround import FRONT, OBLIQUE, SIDE, quarter_turned, see
+from pliant.vision.surround import FRONT, OBLIQUE, SIDE, at_distance, quarter_turned, see
 
 _FREE_M = 0.012  # a tip this far above the board hangs freely
 _FARTHER, _LEANING = 0.003, 0.01  # [m], and of an axis by its length: what the other camera saw
@@ -36,12 +36,17 @@ class ByColour:
     def __init__(self, task: Task, colours: Colours = SIMULATED) -> None:
         self._task, self._colours = task, colours
         self._board_yaw = 0.0  # last seen
+        self._across: Across | None = None
 
     def __call__(self, views: Mapping[str, View], pose: Pose) -> Scene:
         scene = see(views, self._task, self._colours, board_yaw=self._board_yaw, hand_yaw=pose.yaw)
         if scene.board_yaw is not None:
             self._board_yaw = scene.board_yaw.value
-        return scene
+        if scene.across is not None:
+            self._across = scene.across
+        if self._across is None:
+            return scene
+        return at_distance(scene, self._across, views[SIDE].camera, self._task.peg, pose.yaw)
 
 
 class ByEdges:

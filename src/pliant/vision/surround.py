@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Camera, View
-from pliant.task import BLOCK_SIZE, Task
+from pliant.task import BLOCK_SIZE, Peg, Task
 from pliant.vision.least_squares import Unknown, minimise
 from pliant.vision.measure import (
     SIMULATED,
@@ -93,6 +93,44 @@ def _across(
         pitch=Measured(value=tilt, sd=_TILT_SD),
         hole_x=hole_x,
     )
+
+
+def at_distance(scene: Scene, across: Across, camera: Camera, peg: Peg, hand_yaw: float) -> Scene:
+    """A scene measured as if peg and board were at the plane of insertion, with both as far from
+    the side camera as the front one shows them: what is nearer looks larger, and the top edge of a
+    peg that leans towards the camera is its lower one."""
+    eye_x, eye_y, eye_z = (float(value) for value in camera.position)
+    seen, hole = scene.peg, scene.hole
+    if seen is not None and across.tip_x is not None and across.pitch is not None:
+        pitch, tilt, near = across.pitch.value, seen.tilt.value, peg.front(0.0, hand_yaw)
+        upright = peg.length * math.cos(tilt)
+        tip_x = across.tip_x.value
+        top_x = tip_x + upright * math.tan(pitch)
+        top_z = seen.tip_z.value + upright
+        nearer = eye_z + (top_z - eye_z) * (1 - top_x / (eye_x - near)) + near * math.sin(pitch)
+        z = nearer - upright * math.cos(pitch) - seen.tip_z.value
+        y = (eye_y - seen.tip_y.value) * tip_x / (eye_x - peg.silhouette_x)
+        seen = replace(
+            seen,
+            tip_y=_moved(seen.tip_y, y),
+            tip_z=_moved(seen.tip_z, z),
+            left_y=seen.left_y + y,
+            left_z=seen.left_z + z,
+            right_y=seen.right_y + y,
+            right_z=seen.right_z + z,
+        )
+    if hole is not None and across.hole_x is not None:
+        share = across.hole_x.value / (eye_x - BLOCK_SIZE[0] / 2)
+        hole = replace(
+            hole,
+            y=_moved(hole.y, (eye_y - hole.y.value) * share),
+            surface_z=_moved(hole.surface_z, (eye_z - hole.surface_z.value) * share),
+        )
+    return replace(scene, peg=seen, hole=hole)
+
+
+def _moved(measured: Measured, by: float) -> Measured:
+    return replace(measured, value=measured.value + by)
 
 
 def quarter_turned(camera: Camera) -> Camera:
