@@ -15,10 +15,11 @@ from pliant.belief import Belief
 from pliant.conditions import condition
 from pliant.envelope import Limits
 from pliant.experiment.one import Spec, perform
-from pliant.formations import Formation
+from pliant.formations import OWNED, RECOVERABLE, SHIFTED, SHIFTS, Formation
 from pliant.levels import load_level
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import prompt
+from pliant.reasoners.vlm.replies import change_field, motion_field
 from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case, End, Execution, Recovery, Trial, Verdict
 from pliant.sim.cell import SimCell
@@ -35,6 +36,7 @@ SAID = {
     "how_to_recover": "a person must look into the hole",
     "y_motion_mm": 0,
     "z_motion_mm": 0,
+    **dict.fromkeys(map(motion_field, SHIFTS), 0),
 }
 
 
@@ -150,12 +152,13 @@ def test_the_instructions_say_what_a_goal_means_and_when_to_stop(plan: Plans) ->
     settings = replace(TOLD, plan=plan, step_limit_mm=25.0)
     guided = prompt.instructions(settings, failed(), "analyse", f"plan_{plan}")
     assert "only its shift from the taught goal matters" in guided
-    assert "x, pitch, yaw and roll follow the belief and cannot be set" in guided
+    assert "how far from what is believed to aim, for this execution only" in guided
+    assert re.search(r"(±|at most )5[ ,:]", guided)
     assert "no motion can help and a person must come" in guided
     assert "25 mm" in guided or "±25" in guided
     assert "$" not in guided
     papers = prompt.instructions(settings, replace(failed(), skills="planar"), f"plan_{plan}")
-    assert "shift" not in papers
+    assert not any(word in papers for word in ("shift", "yaw", "pitch"))
 
 
 # --- done ----------------------------------------------------------------------------------------
@@ -199,8 +202,9 @@ class SaysStop:
             return reply(info, SAID)
         if self.plan is Plans.ABSOLUTE:
             return reply(info, {"steps": []})
-        none = {"fit_y_change_mm": 0, "align_y_change_mm": 0, "insertion_z_change_mm": 0}
-        return reply(info, {"resume_from": "stop", "retreat_first": False, **none})
+        none = {f: {*OWNED[f], *SHIFTED[f]} for f in RECOVERABLE}
+        changes = {change_field(f, axis): 0 for f, axes in none.items() for axis in axes}
+        return reply(info, {"resume_from": "stop", "retreat_first": False, **changes})
 
 
 @cache

@@ -23,7 +23,7 @@ from pliant.reasoners.vlm.replies import (
     with_analysis,
 )
 from pliant.records import Case, FailureAnalysis, Recovery
-from pliant.recovery import admit
+from pliant.recovery import admit, changes
 
 MOST_M = 0.040
 BOUNDED = bounded_plan(40)
@@ -211,7 +211,7 @@ def plan(fit: float, align: float = 0.0, insertion: float = 0.0) -> tuple[Step, 
 def test_too_much_in_the_right_direction_is_cut_down_and_the_proposal_kept() -> None:
     far, right = plan(-0.120, -0.05, 0.002), plan(-0.012, -0.005)
     done = cut(far, right)
-    fit, align, insertion = (plans.changes(s, fit_case()) for s in done.steps)
+    fit, align, insertion = (changes(s, fit_case()) for s in done.steps)
     assert fit[Axis.Y] == pytest.approx(-0.010)
     assert align[Axis.Y] == pytest.approx(-0.010)
     assert insertion[Axis.Z] == pytest.approx(0.002)

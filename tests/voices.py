@@ -18,12 +18,14 @@ from pydantic_ai.messages import (
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.usage import RequestUsage
 
-from pliant.formations import OWNED, RECOVERABLE
+from pliant.formations import OWNED, RECOVERABLE, SHIFTED, SHIFTS
 from pliant.pose import Axis
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.reasoner import Vlm
+from pliant.reasoners.vlm.replies import change_field, motion_field, shift_field
 from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case, Recovery, Verdict
+from pliant.skills import GUIDED
 
 Fields = dict[str, Any]
 _NO_LIMIT = 10**12  # a scripted model's tokens are counted by guess, pictures byte by byte
@@ -53,6 +55,11 @@ def judgement(verdict: Verdict) -> Fields:
     }
 
 
+def no_shifts(case: Case, *names: str) -> Fields:
+    """The fields that replies with the guided skills have beside the others, at 0."""
+    return dict.fromkeys(names, 0) if case.skills == GUIDED else {}
+
+
 def analysis(recovery: Recovery, gain: float = 1.0) -> Fields:
     told = recovery.analysis
     return {
@@ -74,13 +81,15 @@ def absolute(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
                 "skill": str(step.formation),
                 "goal_mm": (now + gain * (goal - now)) * 1e3 if gain != 1.0 else goal * 1e3,
                 "retreat_first": step.retreat,
+                **no_shifts(case, *map(shift_field, SHIFTS)),
             }
         )
     return {"steps": steps}
 
 
 def bounded(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
-    fields: Fields = {"resume_from": "stop", "retreat_first": False}
+    names = (change_field(f, axis) for f in SHIFTED for axis in SHIFTED[f])
+    fields: Fields = {"resume_from": "stop", "retreat_first": False, **no_shifts(case, *names)}
     if recovery.steps:
         fields["resume_from"] = str(recovery.steps[0].formation)
         fields["retreat_first"] = recovery.steps[0].retreat
@@ -147,6 +156,7 @@ class SpeaksForRules(Scripted):
             draw = random.Random(f"{self.seed} {len(self.case.history)}")
             self._gain = -self.gain if draw.random() < self.flipped else self.gain
             fields |= analysis(recovery, self._gain)
+            fields |= no_shifts(self.case, *map(motion_field, SHIFTS))
         if planning:
             write = absolute if self.settings.plan is Plans.ABSOLUTE else bounded
             fields |= write(recovery, self.case, self._gain)

@@ -7,6 +7,7 @@ from typing import Self
 
 from pliant.cell import Motion, Observation, Robot
 from pliant.errors import RobotFault
+from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
 
 
@@ -21,7 +22,7 @@ class Limits:
     contact_speed_m_s: float = 0.02  # for skills to keep: the envelope knows no contact
     compression_m: float = 0.020
     goal_step_m: float = 0.045
-    goal_step_rad: float = 0.2
+    goal_step_rad: float = MOST_TURN
 
     def within(self, pose: Pose) -> Pose:
         """The pose of the workspace that is nearest on each axis."""

@@ -7,8 +7,9 @@ from pliant.cell import Stop
 from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.formations import RECOVERABLE, Formation, Step, check_axes
-from pliant.pose import Axis
+from pliant.pose import Axis, Partial
 from pliant.records import Admission, Case, Recovery, Verdict
+from pliant.skills import GUIDED
 
 _UNCHANGED_M = 0.0005  # y
 _SAME_Z_M = 1e-6
@@ -32,8 +33,9 @@ def admit(recovery: Recovery, case: Case, limits: Limits) -> Admission:
 
     A plan runs in the order of the formations from Fit to Insertion, each goal names the axes its
     formation owns, is finite, lies in the workspace and within one step's reach of the goal in
-    force. After a compression stop no deeper insertion, unless y changed. A plan with a refused
-    step is refused from that step on.
+    force. With the guided skills it may also name shifts, each within that reach of none. After a
+    compression stop no deeper insertion, unless y changed. A plan with a refused step is refused
+    from that step on.
     """
     admitted: list[Step] = []
     for step in recovery.steps:
@@ -53,7 +55,7 @@ def _refusal(
     if before is not None and step.formation.order != before.order + 1:
         return f"out of order after {before}"
     try:
-        check_axes(step.formation, step.goal)
+        check_axes(step.formation, step.goal, shifts=case.skills == GUIDED)
     except InputError as error:
         return str(error)
     if not all(math.isfinite(v) for v in step.goal.values()):
@@ -63,17 +65,22 @@ def _refusal(
     outside = limits.outside(step.goal, margin=True) or limits.outside(on_the_way, margin=True)
     if outside is not None:
         return outside
-    current = case.goals.formations[step.formation]
-    for axis, value in step.goal.items():
+    for axis, change in changes(step, case).items():
         reach = limits.goal_step_rad if axis.is_angle else limits.goal_step_m
-        if abs(value - current[axis]) > reach:
+        if abs(change) > reach:
             return (
-                f"moves {axis} by {axis.to_report(value - current[axis]):+.1f}"
+                f"moves {axis} by {axis.to_report(change):+.1f}"
                 f" {axis.report_unit}, more than {axis.to_report(reach):.0f} {axis.report_unit}"
             )
     if step.formation is Formation.INSERTION and _deeper_into_resistance(step, case, admitted):
         return "no deeper after a compression stop unless y changes"
     return None
+
+
+def changes(step: Step, case: Case) -> Partial:
+    """How far a step moves its formation's goal in force; a shift is its own change."""
+    current = case.goals.formations[step.formation]
+    return {axis: value - current.get(axis, 0.0) for axis, value in step.goal.items()}
 
 
 def _deeper_into_resistance(step: Step, case: Case, admitted: list[Step]) -> bool:

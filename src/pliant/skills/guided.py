@@ -20,8 +20,8 @@ import numpy as np
 
 from pliant.belief import Belief, hang_share
 from pliant.cell import Robot
-from pliant.formations import Formation, Step
-from pliant.pose import Axis, Pose
+from pliant.formations import SHIFTS, Formation, Step
+from pliant.pose import Axis, Partial, Pose
 from pliant.records import Looking, Outcome
 from pliant.skills.hand import SLICE, WORKED, Hand, Manner, Stopped, bounded
 from pliant.task import Task
@@ -57,26 +57,27 @@ class Guided:
     def __call__(
         self, robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief
     ) -> Outcome:
-        """Execute a step. What a recovery changed in its goal shifts where the skill aims; a
-        compression stop ends it at once."""
+        """Execute a step. What a recovery changed in its goal shifts where the skill aims, as do
+        the shifts that the goal names; a compression stop ends it at once."""
         taught = self.teaching.goals.formations[step.formation]
-        shift = {axis: value - taught[axis] for axis, value in step.goal.items() if axis in taught}
+        shift = {axis: value - taught.get(axis, 0.0) for axis, value in step.goal.items()}
         hand = Hand(self.manner, self.task, self.teaching, robot, look, step.formation, belief)
         try:
             if step.retreat:
                 hand.lift(hand.frame.z + self.task.tip_below_hinge + _ABOVE + 0.01)
-                self._approach(hand, shift.get(Axis.Y, 0.0))
+                self._approach(hand, shift)
+                self._step_aside(hand, shift.get(Axis.X, 0.0))
                 self._contact(hand)
             match step.formation:
                 case Formation.APPROACH:
                     hand.to(target, self.manner.free_speed_m_s)
-                    self._approach(hand, 0.0)
+                    self._approach(hand, {})
                 case Formation.CONTACT:
                     self._contact(hand)
                 case Formation.FIT:
-                    self._fit(hand)
+                    self._fit(hand, shift.get(Axis.X, 0.0))
                 case Formation.ALIGN:
-                    self._align(hand, shift.get(Axis.Y, 0.0))
+                    self._align(hand, shift)
                 case Formation.INSERTION:
                     self._insert(hand, -min(0.0, shift.get(Axis.Z, 0.0)))
         except Stopped:
@@ -88,8 +89,9 @@ class Guided:
 
     # --- the formations --------------------------------------------------------------------------
 
-    def _approach(self, hand: Hand, shift: float) -> None:
-        """Hang leaning above the hole, the low corner over its far wall, as the cameras show it."""
+    def _approach(self, hand: Hand, shift: Partial) -> None:
+        """Hang leaning above the hole, the low corner over its far wall, as the cameras show it;
+        shifted along y and turned from there [m, rad]."""
         robot, share = hand.robot, hang_share(self.teaching)
         for attempt in range(5):
             robot.settle(self.manner.swing_s)
@@ -107,7 +109,7 @@ class Guided:
             hand.to(goal, self.manner.free_speed_m_s)
 
     def _above_hole(
-        self, hand: Hand, tip: tuple[float, float, float], shift: float
+        self, hand: Hand, tip: tuple[float, float, float], shift: Partial
     ) -> tuple[Pose, float]:
         """Where the hinge must be for the tip to hang where it should, and how far off that is."""
         frame, belief = hand.frame, hand.belief
@@ -117,23 +119,32 @@ class Guided:
         aim = np.array(
             [
                 0.0,
-                -wall + _BEFORE_WALL + shift + half * math.cos(lean),
+                -wall + _BEFORE_WALL + shift.get(Axis.Y, 0.0) + half * math.cos(lean),
                 _ABOVE + half * math.sin(lean),
             ]
         )
         error = frame.point(aim) - np.array(tip)
         roll = belief.upright_roll.value + _LEAN if belief.upright_roll else hand.at.roll
-        pitch = belief.upright_pitch.value if belief.upright_pitch else hand.at.pitch
+        pitch = hand.at.pitch
+        if belief.upright_pitch:
+            pitch = belief.upright_pitch.value + shift.get(Axis.PITCH, 0.0)
+        yaw = frame.yaw + shift.get(Axis.YAW, 0.0)
         turned = self.manner.limits.within(replace(hand.at, roll=roll, pitch=pitch))
         roll, pitch = turned.roll, turned.pitch
         # What turning the hand will move the tip by is left out beforehand.
         lever = self.task.tip_below_hinge * hang_share(self.teaching)
         ahead, aside = lever * (roll - hand.at.roll), lever * (pitch - hand.at.pitch)
-        cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
+        cos, sin = math.cos(yaw), math.sin(yaw)
         error[:2] += (cos * aside + sin * ahead, sin * aside - cos * ahead)
         x, y, z = (float(v) for v in hand.at.position() + error)
-        goal = Pose(x=x, y=y, z=z, roll=roll, pitch=pitch, yaw=frame.yaw)
+        goal = Pose(x=x, y=y, z=z, roll=roll, pitch=pitch, yaw=yaw)
         return goal, math.dist(frame.point(aim)[:2], tip[:2])
+
+    def _step_aside(self, hand: Hand, aside: float) -> None:
+        """By so much [m] along the hole's x, whether or not the cameras see that axis."""
+        if aside:
+            hand.shift(x=aside)
+            hand.robot.settle(self.manner.swing_s)
 
     def _contact(self, hand: Hand) -> None:
         """Down until the wrist gives way, then a steady load, both counted from free hang with the
@@ -142,8 +153,9 @@ class Guided:
         hand.down(2 * _ABOVE + 0.02, _TOUCH)
         hand.load(_PRESSED)
 
-    def _fit(self, hand: Hand) -> None:
-        """The low corner to the far wall of the hole."""
+    def _fit(self, hand: Hand, aside: float) -> None:
+        """The low corner to the far wall of the hole, which is looked for `aside` [m] along x of
+        where it is believed to be."""
         for attempt in range(10):
             corner = hand.corner((SIDE,) if attempt == 0 else (SIDE, FRONT))
             if corner is None:
@@ -155,10 +167,11 @@ class Guided:
             if not hand.lacks("unload"):
                 hand.load(_UNLOADED)
             beside = corner.y - _ON_HOLE
+            off = corner.x - (aside if corner.across else 0.0)
             if inside:
                 hand.shift(y=-max(0.003, min(0.010, corner.y + 0.003)))
-            elif abs(beside) > _ASTRAY or abs(corner.x) > _ASTRAY:
-                hand.shift(x=-bounded(corner.x, 0.010), y=-bounded(beside, 0.010))
+            elif abs(beside) > _ASTRAY or abs(off) > _ASTRAY:
+                hand.shift(x=-bounded(off, 0.010), y=-bounded(beside, 0.010))
             else:
                 self._search(hand, attempt)
             hand.load(_PRESSED)
@@ -172,11 +185,12 @@ class Guided:
         hand.dither(math.radians(2.5))
         hand.shift(x=-reach)
 
-    def _align(self, hand: Hand, shift: float) -> None:
+    def _align(self, hand: Hand, shift: Partial) -> None:
         """Turn the peg upright under a light load, its tip held at the far wall."""
         belief = hand.belief
         upright = belief.upright_roll.value if belief.upright_roll else 0.0
-        over = self._hinge_over_hole(hand) + shift
+        over = self._hinge_over_hole(hand) + shift.get(Axis.Y, 0.0)
+        aside = self._aside(belief, shift)
         here = hand.frame.inside(hand.at)
         light = _PRESSED if hand.lacks("light") else _LIGHT
         past = 0.0 if hand.lacks("hold") else _HOLD
@@ -186,7 +200,8 @@ class Guided:
             part = k / parts
             y = here.y + part * (over - here.y)
             roll = here.roll + part * (upright - past - here.roll)
-            hand.inside(y=y, roll=roll)
+            more = {str(a): here[a] + part * (goal - here[a]) for a, goal in aside.items()}
+            hand.inside(y=y, roll=roll, **more)
             hand.load(light)
             hand.dither(math.radians(2.5))
         for attempt in range(4):
@@ -209,6 +224,18 @@ class Guided:
         """y of the hinge for an upright peg in the hole [m], in the hole's frame."""
         angle = hand.belief.grasp_roll.value if hand.belief.grasp_roll else 0.0
         return self.task.grasp_below_hinge * math.sin(angle)
+
+    def _aside(self, belief: Belief, shift: Partial) -> Partial:
+        """Where a shift sends the hinge in the hole's frame, from where an upright peg in the hole
+        would have it [m, rad]; an axis without a shift stays as it is."""
+        upright = belief.upright_pitch.value if belief.upright_pitch else 0.0
+        angle = hang_share(self.teaching) * upright  # of the gripper that holds an upright peg
+        over = {
+            Axis.X: self.task.grasp_below_hinge * math.sin(angle),
+            Axis.PITCH: upright,
+            Axis.YAW: 0.0,
+        }
+        return {a: over[a] + shift[a] for a in SHIFTS if shift.get(a, 0.0)}
 
     def _insert(self, hand: Hand, deeper: float) -> None:
         """Down in short steps, straightened after each by what the picture shows; where there is

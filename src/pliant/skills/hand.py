@@ -106,12 +106,13 @@ class Tip:
 @dataclass(frozen=True, kw_only=True)
 class Corner:
     """The low corner in the hole's frame [m]: x of the peg's axis (0 where it was not looked for),
-    y from the far wall, its depth, and the trailing corner's."""
+    y from the far wall, its depth, and the trailing corner's; whether x was measured."""
 
     x: float
     y: float
     depth: float
     trailing_depth: float
+    across: bool
 
 
 def bounded(value: float, most: float) -> float:
@@ -265,7 +266,8 @@ class Hand:
         seen = self.see(cameras)
         if seen is None:
             return None
-        peg = self.looks[-1].scene.peg
+        scene = self.looks[-1].scene
+        peg, across = scene.peg, scene.across
         assert peg is not None
         task, frame = self._task, self.frame
         cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
@@ -277,6 +279,7 @@ class Hand:
             y=y / cos - half + wall if FRONT not in cameras else cos * y - sin * x - half + wall,
             depth=frame.z - peg.left_z,
             trailing_depth=frame.z - peg.right_z,
+            across=across is not None and across.tip_x is not None,
         )
 
     def tip(self) -> tuple[float, Measured] | None:

@@ -9,19 +9,31 @@ from dataclasses import replace
 from pydantic import BaseModel
 
 from pliant.envelope import Limits
-from pliant.formations import OWNED, RECOVERABLE, Formation, Step
+from pliant.formations import OWNED, RECOVERABLE, SHIFTED, SHIFTS, Formation, Step
 from pliant.pose import Axis, Partial
-from pliant.reasoners.vlm.replies import AbsolutePlan, Analysis, BoundedPlan
+from pliant.reasoners.vlm.replies import (
+    AbsolutePlan,
+    AbsoluteStep,
+    Analysis,
+    BoundedPlan,
+    GuidedAnalysis,
+    GuidedPlan,
+    GuidedStep,
+    change_field,
+    motion_field,
+    shift_field,
+)
 from pliant.records import Case, FailureAnalysis, Recovery
-from pliant.recovery import admit
+from pliant.recovery import admit, changes
 
-_NO_MOTION_M = 0.0005  # a change or a suggestion smaller than this has no direction
+_NO_MOTION = 0.0005  # [m, rad] a change or a suggestion smaller than this has no direction
 _ROUNDING_M = 1e-9  # a change of exactly the limit is within it
 _STOP = "stop"
 
 
 def analysis_of(reply: Analysis) -> FailureAnalysis:
-    motion = {Axis.Y: reply.y_motion_mm * 1e-3, Axis.Z: reply.z_motion_mm * 1e-3}
+    axes = (Axis.Y, Axis.Z, *(SHIFTS if isinstance(reply, GuidedAnalysis) else ()))
+    motion = {axis: axis.from_report(getattr(reply, motion_field(axis))) for axis in axes}
     return FailureAnalysis(
         what=reply.what_happened,
         why=reply.why,
@@ -32,11 +44,11 @@ def analysis_of(reply: Analysis) -> FailureAnalysis:
 
 def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
     """The steps that a plan in either form names; none: stop."""
-    if isinstance(reply, AbsolutePlan):
+    if isinstance(reply, AbsolutePlan | GuidedPlan):
         return tuple(
             Step(
                 formation=Formation(step.skill),
-                goal={OWNED[Formation(step.skill)][0]: step.goal_mm * 1e-3},
+                goal={OWNED[Formation(step.skill)][0]: step.goal_mm * 1e-3, **_shifts(step)},
                 retreat=step.retreat_first,
             )
             for step in reply.steps
@@ -45,17 +57,15 @@ def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
     if reply.resume_from == _STOP:
         return ()
     start = Formation(reply.resume_from)
-    changes = {
-        Formation.FIT: reply.fit_y_change_mm,
-        Formation.ALIGN: reply.align_y_change_mm,
-        Formation.INSERTION: reply.insertion_z_change_mm,
-    }
     return tuple(
         Step(
             formation=formation,
             goal={
-                axis: value + changes[formation] * 1e-3
-                for axis, value in case.goals.formations[formation].items()
+                **{
+                    axis: value + _change(reply, formation, axis)
+                    for axis, value in case.goals.formations[formation].items()
+                },
+                **{a: by for a in SHIFTED[formation] if (by := _change(reply, formation, a))},
             },
             retreat=reply.retreat_first and formation is start,
         )
@@ -64,11 +74,26 @@ def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
     )
 
 
+def _shifts(step: AbsoluteStep) -> Partial:
+    """The shifts of a step that has some; for insertion too, which has none and is refused."""
+    if not isinstance(step, GuidedStep):
+        return {}
+    told = {axis: axis.from_report(getattr(step, shift_field(axis))) for axis in SHIFTS}
+    return {axis: by for axis, by in told.items() if by}
+
+
+def _change(reply: BoundedPlan, formation: Formation, axis: Axis) -> float:
+    """A change that the reply names [m, rad]; 0 for a shift where its form has none."""
+    return axis.from_report(getattr(reply, change_field(formation, axis), 0))
+
+
 def in_metres(reply: BaseModel, case: Case) -> str | None:
     """Why a plan seems to be written in metres, and so says nothing; None: it does not."""
-    if isinstance(reply, AbsolutePlan):
+    if isinstance(reply, AbsolutePlan | GuidedPlan):
         for step in steps_of(reply, case):
             for axis, value in step.goal.items():
+                if axis in SHIFTS:
+                    continue
                 told, current = value * 1e3, case.goals.formations[step.formation][axis] * 1e3
                 if abs(told * 1e3 - current) < abs(told - current):
                     return (
@@ -95,24 +120,20 @@ def _against_analysis(step: Step, suggested: Partial, case: Case) -> str | None:
     for axis, change in changes(step, case).items():
         told = suggested.get(axis, 0.0)
         if _opposed(change, told):
+            unit = axis.report_unit
             return (
-                f"{step.formation}: changes {axis} by {axis.to_report(change):+.1f} mm, but the"
-                f" analysis says {axis.to_report(told):+.1f} mm"
+                f"{step.formation}: changes {axis} by {axis.to_report(change):+.1f} {unit}, but the"
+                f" analysis says {axis.to_report(told):+.1f} {unit}"
             )
     return None
-
-
-def changes(step: Step, case: Case) -> Partial:
-    """How far a step moves its formation's goal in force."""
-    current = case.goals.formations[step.formation]
-    return {axis: value - current[axis] for axis, value in step.goal.items()}
 
 
 def clamped(
     recovery: Recovery, evidence: Recovery | None, case: Case, limits: Limits, most_m: float
 ) -> Recovery | None:
-    """A refused plan with each change cut down to `most_m`, where it starts and goes the way that
-    the evidence points, which is the rules' plan's; None: it does not, or may still not be done."""
+    """A refused plan with each change cut down to `most_m`, of an angle to one step's reach, where
+    it starts and goes the way that the evidence points, which is the rules' plan's; None: it does
+    not, or may still not be done."""
     if not recovery.steps or evidence is None or not evidence.steps:
         return None
     if not _same_way(recovery.steps, evidence.steps, case):
@@ -121,7 +142,8 @@ def clamped(
         replace(
             step,
             goal={
-                axis: case.goals.formations[step.formation][axis] + max(-most_m, min(most_m, by))
+                axis: case.goals.formations[step.formation].get(axis, 0.0)
+                + _cut(by, limits.goal_step_rad if axis.is_angle else most_m)
                 for axis, by in changes(step, case).items()
             },
         )
@@ -129,6 +151,10 @@ def clamped(
     )
     cut = replace(recovery, steps=steps, clamped=recovery.steps)
     return None if refusal(cut, case, limits, most_m) else cut
+
+
+def _cut(by: float, most: float) -> float:
+    return max(-most, min(most, by))
 
 
 def _same_way(steps: tuple[Step, ...], right: tuple[Step, ...], case: Case) -> bool:
@@ -146,5 +172,5 @@ def _same_way(steps: tuple[Step, ...], right: tuple[Step, ...], case: Case) -> b
 
 
 def _opposed(one: float, other: float) -> bool:
-    """Two motions [m] along an axis that have a direction, and not the same."""
-    return min(abs(one), abs(other)) > _NO_MOTION_M and one * other < 0
+    """Two motions [m, rad] along an axis that have a direction, and not the same."""
+    return min(abs(one), abs(other)) > _NO_MOTION and one * other < 0

@@ -16,7 +16,7 @@ from pydantic_ai.messages import BinaryContent, UserContent
 
 from pliant.belief import Belief
 from pliant.cell import Stop
-from pliant.formations import OWNED, Formation, Goals
+from pliant.formations import MOST_TURN, OWNED, SHIFTED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose, describe
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
@@ -45,6 +45,7 @@ def instructions(settings: Settings, case: Case, *stages: str) -> str:
         "clearance_mm": f"{task.hole.clearance * 1e3:g}",
         "depth_mm": f"{task.depth * 1e3:g}",
         "step_limit_mm": f"{settings.step_limit_mm:g}",
+        "turn_limit_deg": f"{Axis.PITCH.to_report(MOST_TURN):g}",
     }
     prompts = (_prompt(name, case.skills) for name in ("task", *stages))
     return "\n".join(Template(text).substitute(values) for text in prompts)
@@ -140,7 +141,7 @@ def _history(case: Case, settings: Settings) -> str:
         [
             str(e.index + 1),
             str(e.formation) + (" after a retreat" if e.outcome.step.retreat else ""),
-            _mm(e.outcome.step.goal, OWNED[e.formation]),
+            _goal(e.outcome.step),
             *_checks(e.evidence, settings, case).values(),
             "success" if e.verdict.success else "failure",
         ]
@@ -159,12 +160,18 @@ def _executed(case: Case, settings: Settings) -> str:
         [
             f"## Executed last: no {len(case.history) + 1}, {formation}"
             + (" after a retreat" if outcome.step.retreat else ""),
-            f"goal: {_mm(outcome.step.goal, OWNED[formation])}",
+            f"goal: {_goal(outcome.step)}",
             f"terminal pose: {_mm(outcome.pose, axes)}",
             _compression(outcome),
             *(f"{name}: {told}" for name, told in checks.items() if told != _NOT_MADE),
         ]
     )
+
+
+def _goal(step: Step) -> str:
+    """A step's goal: its own axes, then the shifts that it has."""
+    shifts = (axis for axis in SHIFTED[step.formation] if axis in step.goal)
+    return _mm(step.goal, (*OWNED[step.formation], *shifts))
 
 
 def _compression(outcome: Outcome) -> str:

@@ -22,6 +22,8 @@ from pliant.reasoners.vlm.conversation import Answer, ask
 from pliant.reasoners.vlm.replies import (
     AbsolutePlan,
     Analysis,
+    GuidedAnalysis,
+    GuidedPlan,
     Judgement,
     bounded_plan,
     with_analysis,
@@ -30,6 +32,7 @@ from pliant.reasoners.vlm.settings import Decider, Plans, Settings
 from pliant.reasoners.vlm.tape import NoTape, Tape
 from pliant.reasoners.vlm.wire import Budget, Wire
 from pliant.records import Case, Exchange, FailureAnalysis, Recovery, Verdict
+from pliant.skills import GUIDED
 
 T = TypeVar("T", bound=BaseModel)
 _SILENT = 3  # decisions in a row without any reply, after which the trial asks no more
@@ -110,7 +113,7 @@ class Vlm:
         if self.settings.one_call:
             return self._planned(case, verdict, None, (), until)
         content = prompt.situation(case, self.settings, verdict=self._told(case, verdict))
-        answer = self._ask(case, "analyse", content, Analysis, ("analyse",), until)
+        answer = self._ask(case, "analyse", content, _analysis(case), ("analyse",), until)
         if answer.value is None:
             return self._instead(case, verdict, None, answer.problem, answer.exchanges)
         analysis = plans.analysis_of(answer.value)
@@ -126,14 +129,9 @@ class Vlm:
     ) -> Recovery | None:
         """The executable plan; with `analysis` None the same reply holds the analysis."""
         settings = self.settings
-        plan: type[BaseModel] = (
-            AbsolutePlan
-            if settings.plan is Plans.ABSOLUTE
-            else bounded_plan(settings.step_limit_mm)
-        )
+        plan = _plan(case, settings)
         asked = ("analyse",) if analysis is None else ()
-        reply = with_analysis(plan) if analysis is None else plan
-
+        reply = with_analysis(plan, _analysis(case)) if analysis is None else plan
         most_m = settings.step_limit_mm * 1e-3
 
         def proposal(said: BaseModel) -> Recovery:
@@ -232,6 +230,18 @@ class Vlm:
         elif answer.exchanges:
             self._silent += 1
         return answer
+
+
+def _analysis(case: Case) -> type[Analysis]:
+    return GuidedAnalysis if case.skills == GUIDED else Analysis
+
+
+def _plan(case: Case, settings: Settings) -> type[BaseModel]:
+    """The form of a plan; with the guided skills it has room for shifts."""
+    is_guided = case.skills == GUIDED
+    if settings.plan is Plans.ABSOLUTE:
+        return GuidedPlan if is_guided else AbsolutePlan
+    return bounded_plan(settings.step_limit_mm, shifts=is_guided)
 
 
 def _agreed(case: Case) -> Verdict | None:
