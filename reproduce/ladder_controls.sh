@@ -1,13 +1,17 @@
 #!/bin/sh
-# Controls on the ladder: reproduce/ladder_controls.sh [FOLDER]. The first ten of its seeds, three
-# pegs: the paper's skills with the rules, and the guided skills with every other way to recover.
+# Controls on the ladder: reproduce/ladder_controls.sh [FOLDER]. The first five of its seeds, three pegs:
+# the paper's skills with the rules, and the guided skills with every other way to recover.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-runs/ladder_controls}
-for level in L1 L4 L6+; do
-    .venv/bin/pliant experiment --level "$level" --skills planar --trials 10 --first-seed 20001 \
-        --out "$out/$level-planar"
-    .venv/bin/pliant experiment --level "$level" --reasoners none retry sweep messages \
-        --trials 10 --first-seed 20001 --out "$out/$level-guided"
-done
+run() {  # LEVEL NAME OPTION...
+    level=$1
+    name=$2
+    shift 2
+    .venv/bin/pliant experiment --level "$level" --trials 5 --first-seed 20001 --out "$out/$name" "$@"
+}
+run L1 L1-none --reasoners none
+run L1 L1-planar --skills planar
+run L3 L3-planar --skills planar
+run L4 L4-guided --reasoners none retry sweep messages
 .venv/bin/python reproduce/ladder.py reproduce/results/ladder_controls.json "$out"/*
