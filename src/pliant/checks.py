@@ -15,7 +15,7 @@ from pliant.formations import OWNED, Formation
 from pliant.pose import Partial, describe
 from pliant.records import Check, Evidence, Outcome
 from pliant.task import Task
-from pliant.vision.scene import PegSeen, Scene
+from pliant.vision.scene import HoleSeen, PegSeen, Scene
 
 POSE_TOLERANCE_M = 0.001  # the paper's p_th
 POSE_TOLERANCE_RAD = math.radians(0.5)  # our choice
@@ -26,6 +26,7 @@ INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 IN_HOLE_DEPTH_M = 0.0003  # metric Fit: the low corner is this far below the board's surface
 RIM_MARGIN_M = 0.0005  # metric Fit: the trailing corner is this far inside the near rim
 UPRIGHT_DEPTH_M = 0.001  # guided Align: the high corner, beyond what is over-read
+DEEP_M = 0.005  # guided Align: the high corner of a peg that is in the hole, wherever it is read
 ASIDE_M = 0.003  # guided Align: the tip across the plane of insertion
 FAR_WALL_DEPTH_M = 0.0015
 FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
@@ -179,29 +180,39 @@ def metric_align(task: Task, scene: Scene) -> Check:
     """Both lower corners are inside the hole's rims, and the peg stands within 5 degrees."""
     if scene.peg is None or scene.hole is None:
         return _unmade("metric", scene)
-    offset = scene.peg.tip_y.value - scene.hole.y.value
-    tilt = math.degrees(scene.peg.tilt.value)
-    depth = scene.hole.surface_z.value - max(scene.peg.left_z, scene.peg.right_z)
-    words = (
-        f"tip {offset * 1e3:+.1f} mm from the hole,"
-        f" high corner {depth * 1e3:.1f} mm deep, tilt {tilt:.1f} deg"
-    )
+    offset, tilt, depth, words = _standing(scene.peg, scene.hole)
     inside = abs(offset) <= task.hole.clearance / 2 + 0.0015
     return _metric(inside and abs(tilt) <= TILT_TOLERANCE_DEG and depth > 0.0, words)
 
 
 def metric_upright(task: Task, scene: Scene) -> Check:
-    """As `metric_align`, well below the rim, and across the plane of insertion too."""
-    made = metric_align(task, scene)
-    if made.vote is not True or scene.peg is None or scene.hole is None:
-        return made
-    depth = scene.hole.surface_z.value - max(scene.peg.left_z, scene.peg.right_z)
-    across = scene.across
-    aside = 0.0
+    """As `metric_align`, well below the rim, and across the plane of insertion too. Of a deep peg
+    little is seen, and where its tip is follows from far above it; but nothing is deep beside the
+    hole."""
+    if scene.peg is None or scene.hole is None:
+        return _unmade("metric", scene)
+    offset, tilt, depth, words = _standing(scene.peg, scene.hole)
+    across, aside = scene.across, 0.0
     if across is not None and across.tip_x is not None and across.hole_x is not None:
         aside = across.tip_x.value - across.hole_x.value
-    words = f"{made.message}, {aside * 1e3:+.1f} mm across"
-    return _metric(depth >= UPRIGHT_DEPTH_M and abs(aside) <= ASIDE_M, words)
+    deep = depth >= DEEP_M
+    beside = half_hole(task) if deep else task.hole.clearance / 2 + 0.0015
+    inside = abs(offset) <= beside and (deep or abs(aside) <= ASIDE_M)
+    stands = abs(tilt) <= TILT_TOLERANCE_DEG and depth >= UPRIGHT_DEPTH_M
+    return _metric(inside and stands, f"{words}, {aside * 1e3:+.1f} mm across")
+
+
+def _standing(peg: PegSeen, hole: HoleSeen) -> tuple[float, float, float, str]:
+    """The tip from the hole's centre [m], the tilt [deg] and the high corner's depth [m]; and in
+    words."""
+    offset = peg.tip_y.value - hole.y.value
+    tilt = math.degrees(peg.tilt.value)
+    depth = hole.surface_z.value - max(peg.left_z, peg.right_z)
+    words = (
+        f"tip {offset * 1e3:+.1f} mm from the hole,"
+        f" high corner {depth * 1e3:.1f} mm deep, tilt {tilt:.1f} deg"
+    )
+    return offset, tilt, depth, words
 
 
 def metric_insertion(task: Task, scene: Scene) -> Check:

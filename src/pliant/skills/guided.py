@@ -38,7 +38,10 @@ _IN_HOLE = 0.0015  # [m] the low corner is this deep when it is in the hole
 _AT_WALL = (-0.0055, 0.0015)  # [m] of the low corner from the far wall, when it touches that
 _ON_HOLE = 0.003  # [m] from the far wall, where a corner that is not in the hole belongs
 _ASTRAY = 0.002  # [m] from there
+_ASIDE = 0.0006  # [m] across; the front camera reads it within 0.3 mm
 _UPRIGHT_DEPTH, _UPRIGHT_TILT = 0.0025, math.radians(4)
+_DEEP = 0.010  # [m] a tip so deep is in the hole, however it leans
+_LEANS = math.radians(2.0)  # of the peg, with the hand where it should hang upright
 _HELD_TILT = math.radians(1.5)  # a hand so far past upright leaves it to a peg that is in the hole
 _RECENTRED = 0.004  # [m] that Insertion moves the hinge from where Align left it
 _MARGIN = 0.0015  # [m] beyond the depth that is asked for
@@ -164,24 +167,26 @@ class Guided:
             inside = corner.depth > _IN_HOLE
             if inside and (at_wall or corner.trailing_depth > 0.0):
                 return
+            if attempt == 0:
+                continue  # look across too, before anything moves
             if not hand.lacks("unload"):
                 hand.load(_UNLOADED)
             beside = corner.y - _ON_HOLE
             off = corner.x - (aside if corner.across else 0.0)
             if inside:
                 hand.shift(y=-max(0.003, min(0.010, corner.y + 0.003)))
-            elif abs(beside) > _ASTRAY or abs(off) > _ASTRAY:
+            elif abs(beside) > _ASTRAY or abs(off) > _ASIDE:
                 hand.shift(x=-bounded(off, 0.010), y=-bounded(beside, 0.010))
             else:
-                self._search(hand, attempt)
+                self._search(hand, attempt, corner.y + 0.002)
             hand.load(_PRESSED)
 
-    def _search(self, hand: Hand, attempt: int) -> None:
-        """Over the hole but not in it: across by a little more each time, with a turn of the
-        hand."""
+    def _search(self, hand: Hand, attempt: int, along: float) -> None:
+        """Over the hole but not in it: on to the far wall, `along` [m] from here, with a turn of
+        the hand, and across by a little more each time."""
         reach = 0.0008 * (1 + attempt // 2) * (1 if attempt % 2 == 0 else -1)
         hand.load(_LIGHT)
-        hand.shift(x=reach)
+        hand.shift(x=reach, y=-along)
         hand.dither(math.radians(2.5))
         hand.shift(x=-reach)
 
@@ -210,7 +215,7 @@ class Guided:
                 return
             depth, tilt = seen
             deep = depth > _UPRIGHT_DEPTH and abs(tilt.value) < _UPRIGHT_TILT
-            if deep or (depth > _IN_HOLE and abs(tilt.value) < _HELD_TILT) or attempt == 3:
+            if deep or depth > _DEEP or (depth > _IN_HOLE and abs(tilt.value) < _HELD_TILT) or attempt == 3:
                 break
             hand.load(0.002 + 0.001 * attempt)
             for sweep in (-0.004, 0.003, 0.0):
@@ -219,6 +224,18 @@ class Guided:
             hand.load(light)
         hand.inside(roll=upright)
         hand.dither(math.radians(2.5))
+        self._straighten(hand)
+
+    def _straighten(self, hand: Hand) -> None:
+        """Turn the hand by what the peg still leans: it may have turned in the grasp since it last
+        hung freely."""
+        for _ in range(2):
+            seen = hand.tip()
+            if seen is None or abs(seen[1].value) < _LEANS:
+                return
+            turn = bounded(seen[1].value / hang_share(self.teaching), math.radians(6))
+            hand.inside(roll=hand.at.roll - turn)
+            hand.dither(math.radians(2.5))
 
     def _hinge_over_hole(self, hand: Hand) -> float:
         """y of the hinge for an upright peg in the hole [m], in the hole's frame."""
