@@ -34,6 +34,7 @@ _BEFORE_WALL = 0.005  # [m] before the far wall the low corner touches down
 _ABOVE = 0.020  # [m] of the tip above the board, at Approach
 _TOUCH = 0.004  # [m] of compression that is a touch
 _PRESSED, _LIGHT, _UNLOADED = 0.003, 0.0012, 0.0004  # [m] of compression
+_HOP = 0.002  # [m] up, to travel further than friction lets go
 _IN_HOLE = 0.0015  # [m] the low corner is this deep when it is in the hole
 _AT_WALL = (-0.0055, 0.0015)  # [m] of the low corner from the far wall, when it touches that
 _ON_HOLE = 0.003  # [m] from the far wall, where a corner that is not in the hole belongs
@@ -176,6 +177,8 @@ class Guided:
             if inside:
                 hand.shift(y=-max(0.003, min(0.010, corner.y + 0.003)))
             elif abs(beside) > _ASTRAY or abs(off) > _ASIDE:
+                if not hand.lacks("unload"):
+                    hand.shift(z=_HOP)
                 hand.shift(x=-bounded(off, 0.010), y=-bounded(beside, 0.010))
             else:
                 self._search(hand, attempt, corner.y + 0.002)
