@@ -31,7 +31,7 @@ def test_a_tip_is_measured_where_it_is_also_when_it_is_nearer_or_leans_to_the_ca
         robot.move_to(above, speed_m_s=0.05, stop_at_compression_m=0.02)
         robot.settle(3.0)
         seen = robot.observe(cameras=("side", "front", "oblique"))
-        scene = ByColour(robot.task)(seen.views, seen.pose)
+        scene = ByColour(robot.task)(seen)
         assert scene.peg is not None
         assert scene.hole is not None
         tip = cell_for(peg).truth().tip

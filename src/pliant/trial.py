@@ -204,7 +204,7 @@ class Run:
                 ):
                     break
                 observation = robot.observe(cameras)
-        scene = self.reading(self.sight(observation.views, observation.pose))
+        scene = self.reading(self.sight(observation))
         return Look(observation=observation, scene=scene)
 
     def _belief(self, outcome: Outcome | None) -> Belief:

@@ -15,6 +15,7 @@ SKILLS = "guided"
 
 _AIMS = (0.0, -0.0015, 0.0015, -0.003, 0.003, -0.0045)  # [m] of the low corner, from the best guess
 _IN_HOLE = 0.0005  # [m] of the tip
+_BLIND = 4  # executions in a row whose pictures do not show it all: no more are tried
 _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
 
 
@@ -46,7 +47,7 @@ def recover(case: Case, name: str) -> Recovery:
             "turn it upright again",
             Formation.ALIGN,
         )
-    aim = _AIMS[_fits(case) % len(_AIMS)]
+    aim = _aim(case)
     return _plan(
         case,
         name,
@@ -68,15 +69,16 @@ def _tired(case: Case, formation: Formation) -> bool:
     return since >= _PATIENCE
 
 
-def _fits(case: Case) -> int:
-    outcomes = [e.outcome for e in case.history] + [case.outcome]
-    return sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
+def _aim(case: Case) -> float:
+    """Where to touch down next [m]: another place each time."""
+    outcomes = [*(e.outcome for e in case.history), case.outcome]
+    fits = sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
+    return _AIMS[fits % len(_AIMS)]
 
 
 def _blind(case: Case, name: str, problem: str) -> Recovery:
-    before = case.history[-1].outcome.scene if case.history else None
-    again = before is not None and (before.peg is None or before.hole is None)
-    if again:
+    last = [*(e.outcome for e in case.history), case.outcome][-_BLIND:]
+    if len(last) == _BLIND and all(o.scene.peg is None or o.scene.hole is None for o in last):
         analysis = FailureAnalysis(
             what="the picture does not show what is needed to see the result",
             why=problem,
@@ -89,8 +91,9 @@ def _blind(case: Case, name: str, problem: str) -> Recovery:
         name,
         "the picture does not show what is needed to see the result",
         problem,
-        "lift, and look again",
+        "lift, look again, and touch down a little elsewhere",
         Formation.FIT,
+        aim=_aim(case),
     )
 
 

@@ -218,7 +218,12 @@ class Guided:
                 return
             depth, tilt = seen
             deep = depth > _UPRIGHT_DEPTH and abs(tilt.value) < _UPRIGHT_TILT
-            if deep or depth > _DEEP or (depth > _IN_HOLE and abs(tilt.value) < _HELD_TILT) or attempt == 3:
+            if (
+                deep
+                or depth > _DEEP
+                or (depth > _IN_HOLE and abs(tilt.value) < _HELD_TILT)
+                or attempt == 3
+            ):
                 break
             hand.load(0.002 + 0.001 * attempt)
             for sweep in (-0.004, 0.003, 0.0):

@@ -67,11 +67,13 @@ def measure_edges(
     *,
     aside: Aside = NOMINAL,
     offset: Offset = UNKNOWN,
+    pressed: float | None = None,
 ) -> Scene:
     """Measure the peg and the hole in a picture from +x, without colour. Not found is None, with
     the reason.
 
-    `pose` is the measured one of the hinge point. A picture from another side, with level columns,
+    `pose` is the measured one of the hinge point, `pressed` the wrist's compression [m]: they tell
+    where to look for the peg. A picture from another side, with level columns,
     is measured with camera and pose turned about z to +x.
     """
     smooth = cv2.GaussianBlur(view.image.astype(np.float32), (0, 0), _BLUR)
@@ -84,7 +86,7 @@ def measure_edges(
     roll, top = (0.0, math.inf) if block is None else (block.roll, block.top)
     peg_x = pose.x if aside.tip_x is None else aside.tip_x + aside.lean * task.peg.length / 2
     from_peg = replace(view.camera, position=view.camera.position - (peg_x, 0.0, 0.0))
-    found = peg_lines(picture, from_peg, task, replace(pose, x=0.0), offset, top)
+    found = peg_lines(picture, from_peg, task, replace(pose, x=0.0), offset, top, pressed)
     if found is None:
         problems.append("no peg: no lines like its sides where the arm holds it")
     return Scene(

@@ -14,15 +14,21 @@ from pliant.vision.lines import Floats, Points, Step, Strip, fit_pair, level, pe
 from pliant.vision.measure import Place
 from pliant.vision.offset import Offset
 
-_PRESSED = 0.005  # [m] of the wrist, halfway between stretched and pressed as far as it may be
-_TIP_REACH = (0.020, 0.017)  # [m] beside that for a peg that is askew in the grasp, and along
+_BESIDE = 0.020  # [m] of the tip, for a peg that is askew in the grasp
+_REACH = 0.010  # [m] of the tip along: what the tool's weight stretches, and a peg that has slid
+_ANY, _ANY_REACH = 0.005, 0.017  # [m] along, where the compression is not known
 _TILT_REACH, _TILT_STEP = math.radians(21), math.radians(1.5)  # from half of the hand's roll
 _MOST_TURN = math.radians(3)  # from the search's tilt to the fit's
 _TRIED = 3  # tilts of the coarse search
+_APART = 4  # [px] of it, along: another top
+_AS_GOOD = 0.03  # of the score
 _FREE, _HELD = 0.47, 0.53  # of a peg's length from its tip, and beside the fingers
 _TOP_AT = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)  # of half the width: where the top is looked at
 _FINGERS_X = 0.011  # [m] half the fingers' width: a silhouette behind that is theirs as well
 _LEAST_SCORE, _LEAST_SUPPORT = 0.25, 1.0  # of at most 1 and at most 2
+
+
+Candidate = tuple[float, Points, float]  # score, tip (2,) [px], tilt [rad]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,30 +56,33 @@ def peg_lines(
     pose: Pose,
     offset: Offset,
     board_top: float,
+    pressed: float | None,
 ) -> PegLines | None:
-    """The peg in a picture from +x whose board has its top at that row [px]; None: not found."""
+    """The peg in a picture from +x whose board has its top at that row [px]; None: not found.
+    `pressed` is the wrist's compression [m], if it was measured."""
     half_size = np.asarray(
         cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32
     )
     scale = 1.0 / camera.metres_per_pixel(task.peg.silhouette_x)
     length = task.peg.length * scale
-    window = [math.ceil((r + offset.reach) * scale / 2) for r in _TIP_REACH]
+    at, reach = (_ANY, _ANY_REACH) if pressed is None else (pressed, _REACH)
+    window = [math.ceil((r + offset.reach) * scale / 2) for r in (_BESIDE, reach)]
     found = []
     for tilt in pose.roll / 2 + np.arange(-_TILT_REACH, _TILT_REACH + 1e-9, _TILT_STEP):
-        tip = _tip_at(camera, task, pose, offset, float(tilt))
+        tip = _tip_at(camera, task, pose, offset, float(tilt), at)
         column = float(tip[0]) - length / 2 * math.sin(tilt)
         (_, width), *_ = _edges(camera, task.peg, pose.yaw, column)
-        found.append(
-            _search(half_size, tip / 2, float(tilt), width / 2, length / 2, window, board_top / 2)
+        found += _search(
+            half_size, tip / 2, float(tilt), width / 2, length / 2, window, board_top / 2
         )
     held = 0.5 if task.peg.silhouette_x > _FINGERS_X else 0.0
     fits = []
-    for _, place, tilt in sorted(found, key=lambda f: -f[0])[:_TRIED]:
+    for _, place, tilt in _promising(found):
         edges = _edges(
             camera, task.peg, pose.yaw, 2 * float(place[0]) - length / 2 * math.sin(tilt)
         )
         finer = [
-            _search(picture, 2 * place, float(t), edges[0][1], length, [4, 4], board_top)
+            _search(picture, 2 * place, float(t), edges[0][1], length, [4, 4], board_top)[0]
             for t in tilt + _TILT_STEP / 3 * np.arange(-2, 3)
         ]
         score, place, tilt = max(finer, key=lambda f: f[0])
@@ -86,6 +95,16 @@ def peg_lines(
                 fits.append(again or fit)
     best = max(fits, key=lambda f: f.support, default=None)
     return None if best is None or best.support < _LEAST_SUPPORT else best
+
+
+def _promising(found: list[Candidate]) -> list[Candidate]:
+    """The best tilts; and a place elsewhere along the peg that is nearly as good, since another edge
+    across its axis may be taken for its top."""
+    ordered = sorted(found, key=lambda f: -f[0])
+    best = ordered[0]
+    near = [f for f in ordered if abs(f[1][1] - best[1][1]) <= _APART]
+    elsewhere = [f for f in ordered if f[0] > best[0] - _AS_GOOD and all(f is not n for n in near)]
+    return near[:_TRIED] + elsewhere[:1]
 
 
 def _edges(
@@ -107,12 +126,14 @@ def _edges(
     return found
 
 
-def _tip_at(camera: Camera, task: Task, pose: Pose, offset: Offset, tilt: float) -> Points:
+def _tip_at(
+    camera: Camera, task: Task, pose: Pose, offset: Offset, tilt: float, pressed: float
+) -> Points:
     """Where the tip of a peg with that tilt is expected in the picture (2,) [px]: tool and peg hang
     in a line from the hinge."""
     below = task.tip_below_hinge
     y = pose.y + below * math.sin(tilt) - offset.y.value
-    z = pose.z - below * math.cos(tilt) + _PRESSED - offset.z.value
+    z = pose.z - below * math.cos(tilt) + pressed - offset.z.value
     return np.array(camera.project(np.array([pose.x, y, z])))
 
 
@@ -124,9 +145,9 @@ def _search(
     length: float,
     window: list[int],
     board_top: float,
-) -> tuple[float, Points, float]:
-    """(score, tip (2,) [px], tilt) of the best peg with that tilt, its tip within `window` (across,
-    along) [px] of `tip`."""
+) -> list[Candidate]:
+    """The best peg with that tilt, its tip within `window` (across, along) [px] of `tip`; and the
+    best that is `_APART` from it along."""
     piece = max(4, round(length / 13))
     half, long = width / 2, round(length)
     wide = math.ceil(half) + window[0] + 4
@@ -160,10 +181,14 @@ def _search(
         ends.append(sum(shifted(across_axis, shift, o) for o in (-quarter, quarter)) / 2)
     bottom_seen = shifted(seen, 0, 0)
     score = (2 * weaker + ends[0] + bottom_seen * ends[1]) / (3 + bottom_seen)
-    n = int(np.argmax(score))
-    row, column = divmod(n, len(columns))
-    place = strip.back((columns[column] + 0.5, rows[row] + 0.5))
-    return float(score[row, column]), place, tilt
+    best: list[Candidate] = []
+    for _ in range(2):
+        n = int(np.argmax(score))
+        row, column = divmod(n, len(columns))
+        place = strip.back((columns[column] + 0.5, rows[row] + 0.5))
+        best.append((float(score[row, column]), place, tilt))
+        score[max(0, row - _APART) : row + _APART + 1] = 0.0
+    return best
 
 
 def _fit_peg(
@@ -184,6 +209,8 @@ def _fit_peg(
     strip = Strip(picture, tip, tilt, (2 * wide + 1, high), at)
     seen = strip.rows()[:, wide] < board_top - 3
     piece = 6
+    if not seen[min(high - 1, round(margin + _HELD * length) + 2 * piece)]:
+        held = 0.5  # nothing else of it is left to see
     points: list[Step] = []
     pieces = 0.0
     for row in range(margin + 4, round(length + margin) - piece, piece):

@@ -9,7 +9,7 @@ from dataclasses import replace
 from statistics import fmean
 from typing import Protocol
 
-from pliant.cell import View
+from pliant.cell import Observation, View
 from pliant.pose import Pose
 from pliant.task import Task
 from pliant.vision.edges import NOMINAL, Aside, measure_edges
@@ -25,9 +25,10 @@ _CALIBRATIONS = 2  # looks, half a swing apart, that calibrate a camera
 
 
 class Sight(Protocol):
-    """Measures the pictures of one moment, taken at the arm's measured pose."""
+    """Measures the pictures of one moment; the arm's measured pose and the wrist's compression
+    belong to it."""
 
-    def __call__(self, views: Mapping[str, View], pose: Pose) -> Scene: ...
+    def __call__(self, observation: Observation) -> Scene: ...
 
 
 class ByColour:
@@ -38,7 +39,8 @@ class ByColour:
         self._board_yaw = 0.0  # last seen
         self._across: Across | None = None
 
-    def __call__(self, views: Mapping[str, View], pose: Pose) -> Scene:
+    def __call__(self, observation: Observation) -> Scene:
+        views, pose = observation.views, observation.pose
         scene = see(views, self._task, self._colours, board_yaw=self._board_yaw, hand_yaw=pose.yaw)
         if scene.board_yaw is not None:
             self._board_yaw = scene.board_yaw.value
@@ -65,8 +67,11 @@ class ByEdges:
         self._offsets: dict[str, list[Offset]] = {SIDE: [], FRONT: []}
         self._board_yaw = 0.0  # last seen
         self._from = {SIDE: NOMINAL, FRONT: NOMINAL}
+        self._pressed = 0.0  # [m] now
 
-    def __call__(self, views: Mapping[str, View], pose: Pose) -> Scene:
+    def __call__(self, observation: Observation) -> Scene:
+        views, pose = observation.views, observation.pose
+        self._pressed = observation.compression_m
         board = board_outline(views[OBLIQUE]) if OBLIQUE in views else None
         if board is not None:
             self._board_yaw = board.yaw.value
@@ -118,7 +123,9 @@ class ByEdges:
         aside = replace(self._from[camera], board_yaw=self._board_yaw)
 
         def measured(offset: Offset) -> Scene:
-            return measure_edges(view, task, pose, aside=aside, offset=offset)
+            return measure_edges(
+                view, task, pose, aside=aside, offset=offset, pressed=self._pressed
+            )
 
         scene = measured(_mean(known))
         free = pose.z - task.tip_below_hinge - self._sag_m > _FREE_M
