@@ -217,13 +217,10 @@ class Guided:
             if seen is None:
                 return
             depth, tilt = seen
-            deep = depth > _UPRIGHT_DEPTH and abs(tilt.value) < _UPRIGHT_TILT
-            if (
-                deep
-                or depth > _DEEP
-                or (depth > _IN_HOLE and abs(tilt.value) < _HELD_TILT)
-                or attempt == 3
-            ):
+            leans = abs(tilt.value)
+            stands = depth > _UPRIGHT_DEPTH and leans < _UPRIGHT_TILT
+            held = depth > _IN_HOLE and leans < _HELD_TILT
+            if stands or held or depth > _DEEP or attempt == 3:
                 break
             hand.load(0.002 + 0.001 * attempt)
             for sweep in (-0.004, 0.003, 0.0):

@@ -72,9 +72,9 @@ def measure_edges(
     """Measure the peg and the hole in a picture from +x, without colour. Not found is None, with
     the reason.
 
-    `pose` is the measured one of the hinge point, `pressed` the wrist's compression [m]: they tell
-    where to look for the peg. A picture from another side, with level columns,
-    is measured with camera and pose turned about z to +x.
+    `pose` is the measured one of the hinge point, `pressed` by how much the wrist is shorter than
+    unloaded [m]: they tell where to look for the peg. A picture from another side, with level
+    columns, is measured with camera and pose turned about z to +x.
     """
     smooth = cv2.GaussianBlur(view.image.astype(np.float32), (0, 0), _BLUR)
     picture = np.asarray(smooth, np.float32)

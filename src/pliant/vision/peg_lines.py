@@ -15,7 +15,7 @@ from pliant.vision.measure import Place
 from pliant.vision.offset import Offset
 
 _BESIDE = 0.020  # [m] of the tip, for a peg that is askew in the grasp
-_REACH = 0.010  # [m] of the tip along: what the tool's weight stretches, and a peg that has slid
+_REACH = 0.010  # [m] of the tip along, for a peg that has slid in the grasp
 _ANY, _ANY_REACH = 0.005, 0.017  # [m] along, where the compression is not known
 _TILT_REACH, _TILT_STEP = math.radians(21), math.radians(1.5)  # from half of the hand's roll
 _MOST_TURN = math.radians(3)  # from the search's tilt to the fit's
@@ -59,7 +59,7 @@ def peg_lines(
     pressed: float | None,
 ) -> PegLines | None:
     """The peg in a picture from +x whose board has its top at that row [px]; None: not found.
-    `pressed` is the wrist's compression [m], if it was measured."""
+    `pressed` is by how much the wrist is shorter than unloaded [m], if that was measured."""
     half_size = np.asarray(
         cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32
     )
@@ -98,8 +98,8 @@ def peg_lines(
 
 
 def _promising(found: list[Candidate]) -> list[Candidate]:
-    """The best tilts; and a place elsewhere along the peg that is nearly as good, since another edge
-    across its axis may be taken for its top."""
+    """The best tilts; and a place elsewhere along the peg that is nearly as good, since another
+    edge across its axis may be taken for its top."""
     ordered = sorted(found, key=lambda f: -f[0])
     best = ordered[0]
     near = [f for f in ordered if abs(f[1][1] - best[1][1]) <= _APART]

@@ -67,11 +67,11 @@ class ByEdges:
         self._offsets: dict[str, list[Offset]] = {SIDE: [], FRONT: []}
         self._board_yaw = 0.0  # last seen
         self._from = {SIDE: NOMINAL, FRONT: NOMINAL}
-        self._pressed = 0.0  # [m] now
+        self._pressed = -sag_m  # [m] now, from the unloaded spring
 
     def __call__(self, observation: Observation) -> Scene:
         views, pose = observation.views, observation.pose
-        self._pressed = observation.compression_m
+        self._pressed = observation.compression_m - self._sag_m
         board = board_outline(views[OBLIQUE]) if OBLIQUE in views else None
         if board is not None:
             self._board_yaw = board.yaw.value
