@@ -14,6 +14,7 @@ from pliant.checks import (
     metric_align,
     metric_fit,
     metric_insertion,
+    metric_upright,
     pose_check,
     table_i,
 )
@@ -230,6 +231,13 @@ def test_align_wants_both_corners_in_the_hole_and_an_upright_peg() -> None:
     assert metric_align(CIRCLE, scene_of(tip_y=0.004, tip_z=-0.005)).vote is False
     assert metric_align(CIRCLE, scene_of(tip_z=-0.005, tilt_deg=6)).vote is False
     assert metric_align(CIRCLE, scene_of(tip_z=0.001)).vote is False
+
+
+def test_a_deep_peg_stands_in_the_hole_wherever_its_tip_is_read_above_it() -> None:
+    assert metric_upright(CIRCLE, scene_of(tip_y=0.004, tip_z=-0.040)).vote is True
+    assert metric_upright(CIRCLE, scene_of(tip_y=0.004, tip_z=-0.004)).vote is False
+    assert metric_upright(CIRCLE, scene_of(tip_y=0.025, tip_z=-0.040)).vote is False
+    assert metric_upright(CIRCLE, scene_of(tip_z=-0.040, tilt_deg=6)).vote is False
 
 
 @pytest.mark.parametrize("task", [CIRCLE, RECTANGLE])

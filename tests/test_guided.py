@@ -168,6 +168,22 @@ def test_a_strike_in_the_middle_is_survived() -> None:
     assert trial.inserted
 
 
+@pytest.mark.parametrize(
+    ("level", "peg", "seed"),
+    [
+        ("L7", "plug_x", 9104),  # stands astride the near rim until it is slid to the far wall
+        ("L6", "circle", 40020),  # turns in the grasp after it was last seen hanging
+        ("L8", "circle", 9142),  # so deep that the robot's own edges may be taken for its top
+    ],
+)
+def test_what_once_ended_without_success_is_inserted_and_judged_so(
+    level: str, peg: str, seed: int
+) -> None:
+    trial = inserted(level, peg, seed)
+    assert trial.inserted
+    assert trial.judged
+
+
 def test_without_a_mechanism_a_trial_says_so_and_does_not_use_it() -> None:
     def turned(trial: Trial) -> int:
         """Motions that turn the hand about z alone."""

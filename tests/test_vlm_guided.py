@@ -167,8 +167,8 @@ def test_the_instructions_say_what_a_goal_means_and_when_to_stop(plan: Plans) ->
 @pytest.mark.parametrize(
     ("level", "peg", "seed", "voice"),
     [
-        ("L1", "rectangle", 9003, "SpeaksForRules"),
-        ("L3", "square", 9001, "AbsoluteRules"),
+        ("L6", "rectangle", 9132, "SpeaksForRules"),
+        ("L6", "circle", 9133, "AbsoluteRules"),
     ],
 )
 def test_a_model_that_says_what_the_rules_would_inserts_after_failures(
