@@ -9,7 +9,7 @@ without() {  # LEVEL MECHANISM...
     shift
     for mechanism in "$@"; do
         .venv/bin/pliant experiment --level "$level" --skills "guided$mechanism" --trials 10 \
-            --first-seed 20001 --out "$out/$level$mechanism"
+            --first-seed 50001 --out "$out/$level$mechanism"
     done
 }
 without L4 "" -swing -unload -light -hold -dither -recentre -ease

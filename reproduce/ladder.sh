@@ -7,14 +7,9 @@ out=${1:-runs/ladder}
 climb() {  # LEVEL, TRIALS of each of its pegs, FIRST SEED
     .venv/bin/pliant experiment --level "$1" --trials "$2" --first-seed "$3" --out "$out/$1"
 }
-climb L1 67 20001
-climb L2 67 20001
-climb L3 67 20001
-climb L4 67 20001
-climb L5 34 20001
-climb L5+ 10 40001
-climb L6 67 40001
-climb L6+ 67 40001
-climb L7 25 40001
-climb L8 10 40001
+for level in L1 L2 L3 L4 L5 L5+ L6 L6+; do
+    climb $level 67 50001
+done
+climb L7 25 50001
+climb L8 67 50001
 .venv/bin/python reproduce/ladder.py reproduce/results/ladder_rules.json "$out"/*

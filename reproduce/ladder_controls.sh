@@ -1,17 +1,20 @@
 #!/bin/sh
-# Controls on the ladder: reproduce/ladder_controls.sh [FOLDER]. The first five of its seeds, three pegs:
-# the paper's skills with the rules, and the guided skills with every other way to recover.
+# Controls on the ladder: reproduce/ladder_controls.sh [FOLDER]. The first of its seeds: the guided skills
+# with every other way to recover, and the paper's skills with the rules.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-runs/ladder_controls}
-run() {  # LEVEL NAME OPTION...
+run() {  # LEVEL NAME TRIALS OPTION...
     level=$1
     name=$2
-    shift 2
-    .venv/bin/pliant experiment --level "$level" --trials 5 --first-seed 20001 --out "$out/$name" "$@"
+    trials=$3
+    shift 3
+    .venv/bin/pliant experiment --level "$level" --trials "$trials" --first-seed 50001 --out "$out/$name" "$@"
 }
-run L1 L1-none --reasoners none
-run L1 L1-planar --skills planar
-run L3 L3-planar --skills planar
-run L4 L4-guided --reasoners none retry sweep messages
+for level in L1 L4 L6; do
+    run $level $level-guided 7 --reasoners none retry sweep messages
+done
+run L7 L7-guided 3 --reasoners none retry sweep messages
+run L1 L1-planar 7 --skills planar
+run L3 L3-planar 7 --skills planar
 .venv/bin/python reproduce/ladder.py reproduce/results/ladder_controls.json "$out"/*
