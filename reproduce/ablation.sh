@@ -1,6 +1,7 @@
 #!/bin/sh
 # What each mechanism of the guided skills is worth: reproduce/ablation.sh [FOLDER]. The first ten of
-# the ladder's seeds, three pegs, one mechanism left out at a time, where it should matter.
+# the ladder's seeds, three pegs, one mechanism left out at a time, where it should matter. With all of
+# them: the ladder's own rows.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-runs/ablation}
@@ -12,8 +13,8 @@ without() {  # LEVEL MECHANISM...
             --first-seed 50001 --out "$out/$level$mechanism"
     done
 }
-without L4 "" -swing -unload -light -hold -dither -recentre -ease
-without L2 "" -recentre -ease
-without L6+ "" -median
-without L5 "" -calibration
+without L4 -swing -unload -light -hold -dither -recentre -ease
+without L2 -recentre -ease
+without L6+ -median
+without L5 -calibration
 .venv/bin/python reproduce/ladder.py reproduce/results/ladder_ablation.json "$out"/*
