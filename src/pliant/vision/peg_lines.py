@@ -101,9 +101,9 @@ def _promising(found: list[Candidate]) -> list[Candidate]:
     """The best tilts; and a place elsewhere along the peg that is nearly as good, since another
     edge across its axis may be taken for its top."""
     ordered = sorted(found, key=lambda f: -f[0])
-    best = ordered[0]
-    near = [f for f in ordered if abs(f[1][1] - best[1][1]) <= _APART]
-    elsewhere = [f for f in ordered if f[0] > best[0] - _AS_GOOD and all(f is not n for n in near)]
+    score, (_, along), _ = ordered[0]
+    near = [f for f in ordered if abs(f[1][1] - along) <= _APART]
+    elsewhere = [f for f in ordered if abs(f[1][1] - along) > _APART and f[0] > score - _AS_GOOD]
     return near[:_TRIED] + elsewhere[:1]
 
 
