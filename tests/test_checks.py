@@ -23,7 +23,7 @@ from pliant.pose import Axis
 from pliant.records import Check
 from pliant.task import Task, load_task
 from pliant.teaching import shipped
-from pliant.vision.scene import Scene
+from pliant.vision.scene import Across, Measured, Scene
 
 CIRCLE, RECTANGLE = load_task("circle"), load_task("rectangle")
 FORMATIONS = st.sampled_from(list(Formation))
@@ -234,8 +234,14 @@ def test_align_wants_both_corners_in_the_hole_and_an_upright_peg() -> None:
 
 
 def test_a_deep_peg_stands_in_the_hole_wherever_its_tip_is_read_above_it() -> None:
-    assert metric_upright(CIRCLE, scene_of(tip_y=0.004, tip_z=-0.040)).vote is True
-    assert metric_upright(CIRCLE, scene_of(tip_y=0.004, tip_z=-0.004)).vote is False
+    sd = 0.0002
+    across = Across(
+        tip_x=Measured(value=0.004, sd=sd), pitch=None, hole_x=Measured(value=0.0, sd=sd)
+    )
+    for tip_z, stands in ((-0.0055, True), (-0.0045, False)):
+        assert metric_upright(CIRCLE, scene_of(tip_y=0.004, tip_z=tip_z)).vote is stands
+        aside = replace(scene_of(tip_z=tip_z), across=across)
+        assert metric_upright(CIRCLE, aside).vote is stands
     assert metric_upright(CIRCLE, scene_of(tip_y=0.025, tip_z=-0.040)).vote is False
     assert metric_upright(CIRCLE, scene_of(tip_z=-0.040, tilt_deg=6)).vote is False
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,8 +41,14 @@ def approach(robot: SimRobot) -> Scene:
     above = Pose(y=-0.026, z=robot.task.tip_below_hinge + 0.03, roll=math.radians(10))
     robot.move_to(above, speed_m_s=0.05, stop_at_compression_m=0.02)
     robot.settle(4.0)
+    return by_edges(robot)
+
+
+def by_edges(robot: SimRobot, **known: Any) -> Scene:
+    """What the side camera sees now, with the compression as a cell would have it."""
     seen = robot.observe()
-    return measure_edges(seen.views["side"], robot.task, seen.pose)
+    pressed = seen.compression_m - SAG_M
+    return measure_edges(seen.views["side"], robot.task, seen.pose, pressed=pressed, **known)
 
 
 def calibrated(robot: SimRobot) -> Offset:
@@ -81,8 +88,7 @@ def samples(level: str) -> tuple[Sample, ...]:
             robot = prepared(peg, replace(drawing.draw(seed), stale=0.0))
             offset = calibrated(robot)
             place_at_random(robot, np.random.default_rng([seed, 7]), seed % 3)
-            seen = robot.observe()
-            scene = measure_edges(seen.views["side"], robot.task, seen.pose, offset=offset)
+            scene = by_edges(robot, offset=offset)
             truth = cell_for(peg).truth()
             found.append(Sample(scene=scene, truth=truth, offset=offset, level=level))
     return tuple(found)
@@ -168,7 +174,7 @@ def test_on_plain_pictures_edges_and_colours_agree(peg: str) -> None:
         place_at_random(robot, rng, kind)
         seen = robot.observe()
         one = measure(seen.views["side"], robot.task)
-        two = measure_edges(seen.views["side"], robot.task, seen.pose)
+        two = by_edges(robot)
         assert one.peg is not None
         assert one.hole is not None
         assert two.peg is not None
@@ -186,8 +192,7 @@ def test_a_board_turned_about_the_vertical_is_measured_where_it_is() -> None:
     for yaw in (-0.15, 0.15):
         robot = prepared("square", Setup(seed=0, board_yaw=yaw, hole_y=0.01))
         stand_peg(robot, tip_y=0.0, tip_z=0.02, lean=0.0)
-        seen = robot.observe()
-        scene = measure_edges(seen.views["side"], robot.task, seen.pose, aside=Aside(board_yaw=yaw))
+        scene = by_edges(robot, aside=Aside(board_yaw=yaw))
         assert scene.hole is not None
         assert scene.hole.y.value == pytest.approx(0.01, abs=0.0006)
 

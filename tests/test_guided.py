@@ -1,12 +1,15 @@
 """Skills guided by what is seen and felt: how they move, what they believe, what they insert."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stand_ins import executed
+from vlm_cases import blind, wedged
 
 from pliant.belief import Belief, Seen, believed, fold, softly
 from pliant.cell import Stop
@@ -16,6 +19,7 @@ from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.levels import load_level
 from pliant.pose import Pose
+from pliant.reasoners.rules import Rules
 from pliant.records import Trial
 from pliant.sim.cell import SimCell
 from pliant.skills import kind_of
@@ -182,6 +186,25 @@ def test_what_once_ended_without_success_is_inserted_and_judged_so(
     trial = inserted(level, peg, seed)
     assert trial.inserted
     assert trial.judged
+
+
+@pytest.mark.parametrize(("unseen", "stops"), [(1, False), (3, False), (4, True), (7, True)])
+def test_the_rules_stop_when_four_executions_in_a_row_show_too_little(
+    unseen: int, stops: bool
+) -> None:
+    case = replace(blind(), skills="guided")
+    case = replace(case, history=(executed(case),) * (unseen - 1))
+    recovery = Rules().recover(case, Rules().judge(case))
+    assert recovery is not None
+    assert (recovery.steps == ()) is stops
+
+
+def test_one_picture_that_shows_enough_lets_the_rules_go_on() -> None:
+    case, seen = replace(blind(), skills="guided"), wedged()
+    case = replace(case, history=(executed(case), executed(case), executed(seen), executed(case)))
+    recovery = Rules().recover(case, Rules().judge(case))
+    assert recovery is not None
+    assert recovery.steps[0].retreat
 
 
 def test_without_a_mechanism_a_trial_says_so_and_does_not_use_it() -> None:

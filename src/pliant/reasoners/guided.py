@@ -47,16 +47,9 @@ def recover(case: Case, name: str) -> Recovery:
             "turn it upright again",
             Formation.ALIGN,
         )
-    aim = _aim(case)
-    return _plan(
-        case,
-        name,
-        "the peg is not in the hole" if depth < _IN_HOLE else "the peg does not come free",
-        "it touched down beside the hole, or slipped out of it",
-        f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen",
-        Formation.FIT,
-        aim=aim,
-    )
+    what = "the peg is not in the hole" if depth < _IN_HOLE else "the peg does not come free"
+    why = "it touched down beside the hole, or slipped out of it"
+    return _touch_down_anew(case, name, what, why)
 
 
 def _tired(case: Case, formation: Formation) -> bool:
@@ -69,11 +62,13 @@ def _tired(case: Case, formation: Formation) -> bool:
     return since >= _PATIENCE
 
 
-def _aim(case: Case) -> float:
-    """Where to touch down next [m]: another place each time."""
+def _touch_down_anew(case: Case, name: str, what: str, why: str) -> Recovery:
+    """Where the hole is seen at first, and from there a little to the sides in turn."""
     outcomes = [*(e.outcome for e in case.history), case.outcome]
     fits = sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
-    return _AIMS[fits % len(_AIMS)]
+    aim = _AIMS[fits % len(_AIMS)]
+    how = f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen"
+    return _plan(case, name, what, why, how, Formation.FIT, aim=aim)
 
 
 def _blind(case: Case, name: str, problem: str) -> Recovery:
@@ -86,15 +81,8 @@ def _blind(case: Case, name: str, problem: str) -> Recovery:
             motion={},
         )
         return Recovery(analysis=analysis, steps=(), by=name)
-    return _plan(
-        case,
-        name,
-        "the picture does not show what is needed to see the result",
-        problem,
-        "lift, look again, and touch down a little elsewhere",
-        Formation.FIT,
-        aim=_aim(case),
-    )
+    what = "the picture does not show what is needed to see the result"
+    return _touch_down_anew(case, name, what, problem)
 
 
 def _plan(

@@ -20,7 +20,7 @@ _ANY, _ANY_REACH = 0.005, 0.017  # [m] along, where the compression is not known
 _TILT_REACH, _TILT_STEP = math.radians(21), math.radians(1.5)  # from half of the hand's roll
 _MOST_TURN = math.radians(3)  # from the search's tilt to the fit's
 _TRIED = 3  # tilts of the coarse search
-_APART = 4  # [px] of it, along: another top
+_APART = 4  # [px] of its pictures of half the size, along: another top
 _AS_GOOD = 0.03  # of the score
 _FREE, _HELD = 0.47, 0.53  # of a peg's length from its tip, and beside the fingers
 _TOP_AT = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)  # of half the width: where the top is looked at
@@ -147,7 +147,7 @@ def _search(
     board_top: float,
 ) -> list[Candidate]:
     """The best peg with that tilt, its tip within `window` (across, along) [px] of `tip`; and the
-    best that is `_APART` from it along."""
+    best that is more than `_APART` from it along."""
     piece = max(4, round(length / 13))
     half, long = width / 2, round(length)
     wide = math.ceil(half) + window[0] + 4
@@ -201,7 +201,7 @@ def _fit_peg(
     held: float,
 ) -> PegLines | None:
     """Lines through the edge points near a peg that the search has found. `held` is the weight of
-    those beside the fingers."""
+    those beside the fingers, unless nothing else is left to see."""
     edges, width = pair_of
     half, margin = width / 2, 8
     wide, high = math.ceil(half) + margin, math.ceil(length) + 2 * margin
