@@ -1,7 +1,7 @@
 #!/bin/sh
 # What each mechanism of the guided skills is worth: reproduce/ablation.sh [FOLDER]. The first ten of
-# the ladder's seeds, three pegs, one mechanism left out at a time, where it should matter. With all of
-# them: the ladder's own rows.
+# the ladder's seeds, three pegs, one mechanism left out at a time, where it should matter. They are
+# compared with the ladder's own trials, in runs/ladder or the folder LADDER.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-runs/ablation}
@@ -17,4 +17,4 @@ without L4 -swing -unload -light -hold -dither -recentre -ease
 without L2 -recentre -ease
 without L6+ -median
 without L5 -calibration
-.venv/bin/python reproduce/ladder.py reproduce/results/ladder_ablation.json "$out"/*
+.venv/bin/python reproduce/paired_times.py "${LADDER:-runs/ladder}" "$out" >reproduce/results/paired_times.md

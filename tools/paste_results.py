@@ -29,8 +29,9 @@ DOCUMENTS = (
 
 def block(name: str) -> str:
     """The Markdown that belongs between a name's marks."""
-    if name == "fit-sensitivity":
-        return (RESULTS / "fit_sensitivity.md").read_text().strip()
+    markdown = RESULTS / f"{name.replace('-', '_')}.md"
+    if markdown.is_file():
+        return markdown.read_text().strip()
     run, _, table = name.partition("-")
     if run == "bench":
         scores = json.loads((RESULTS / "bench_reasoner.json").read_text())
