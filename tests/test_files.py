@@ -217,7 +217,7 @@ def test_a_file_is_replaced_whole_and_keeps_its_mode_and_the_link_to_it(tmp_path
     target.chmod(0o640)
     link.parent.mkdir()
     link.symlink_to("../target")
-    files.write_bytes(link, b"new")
+    files.write_text(link, "new")
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
     assert target.stat().st_mode & 0o777 == 0o640

@@ -11,7 +11,6 @@ it is judged.
 import difflib
 import json
 import math
-import os
 import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,6 +22,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from pliant import folders
 from pliant.errors import InputError
 
 MOST_BYTES = 100_000  # of a file that a person writes
@@ -514,23 +514,15 @@ def yaml_value(value: Any) -> str:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a whole file or none, making its folder. Where `path` is a link, the file it leads to
-    is replaced; a file that was there keeps its mode.
+    """Write a whole file or none, making its folder. A file that was there keeps its mode; a link
+    is replaced, and not followed.
 
     Raises:
         InputError: it cannot be written.
     """
     try:
-        target = path.resolve() if path.is_symlink() else path
-        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with folders.whole(path) as partial:
             partial.write_bytes(content)
-            if target.exists():
-                partial.chmod(stat.S_IMODE(target.stat().st_mode))
-            partial.replace(target)
-        finally:
-            partial.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(
             f"'{path}' cannot be written: {error.strerror}; choose another folder"
@@ -538,5 +530,6 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text in UTF-8, as `write_bytes` does."""
-    write_bytes(path, text.encode())
+    """Write a person's own file in UTF-8, as `write_bytes` does; where `path` is a link, the file
+    it leads to is replaced."""
+    write_bytes(path.resolve() if path.is_symlink() else path, text.encode())

@@ -24,12 +24,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from pliant import folders, pictures
 from pliant.errors import InputError
+from pliant.files import write_bytes
 from pliant.records import SCHEMA, Case, Trial
 
 RUN, TRIAL, CASE, PICTURES = "run.json", "trial.json", "case.json", "pictures"
+TRIALS = "trials"
+"""The folder of a run that holds its trials' folders."""
+
+_MOST_EXECUTIONS = 200  # of a trial: five times the most that one takes
+_LONGEST_NAME = 250  # characters
 _PACKAGES = {"pliant": "pliant", "mujoco": "mujoco", "opencv": "opencv-python-headless"}
 _PACKAGES |= {"numpy": "numpy"}
+MOST_JSON = 1 << 27  # [bytes] of a JSON file
+_MOST_PIXELS = 1 << 29  # of a record's pictures together: 1700 of 640 x 480
+_NAME = re.compile(r"[\w][\w.+-]*")
 T = TypeVar("T")
 
 
@@ -48,7 +58,20 @@ def load_trial(folder: Path) -> Trial:
     Raises:
         InputError: there is none, its schema is another, or it or a picture is broken.
     """
-    return _load(folder, TRIAL, "trial", _trials())
+    trial = _load(folder, TRIAL, "trial", _trials())
+    if len(trial.executions) > _MOST_EXECUTIONS:
+        raise InputError(
+            f"'{folder / TRIAL}' has {len(trial.executions)} executions, more than"
+            f" {_MOST_EXECUTIONS}: no trial is that long"
+        )
+    for n, execution in enumerate(trial.executions):
+        looks = execution.outcome.looks
+        if execution.index != n or not looks or "side" not in looks[-1].observation.views:
+            raise InputError(
+                f"'{folder / TRIAL}' is broken at executions.{n}: its index, its looks or its side"
+                " picture are not as they are written; run it again"
+            )
+    return trial
 
 
 def save_case(folder: Path, case: Case) -> None:
@@ -70,6 +93,7 @@ class Pictures:
 
     folder: Path
     unwritten: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
+    loaded: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     def path(self, image: NDArray[np.uint8]) -> Path:
         return self.folder / f"{picture_name(image)}.png"
@@ -91,13 +115,22 @@ class Pictures:
         """Raises ValueError if the picture is missing or not the one that was stored."""
         if not isinstance(name, str) or re.fullmatch("[0-9a-f]{16}", name) is None:
             raise ValueError(f"picture name {name!r} is not a hash")
+        if name not in self.loaded:
+            self.loaded[name] = self._read(name)
+        return self.loaded[name]
+
+    def _read(self, name: str) -> NDArray[np.uint8]:
         path = self.folder / f"{name}.png"
-        bgr = cv2.imread(str(path)) if path.is_file() else None
-        if bgr is None:
-            raise ValueError(f"the picture {path.name} is missing or broken")
-        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        try:
+            image = pictures.read(path)
+        except OSError as error:
+            raise ValueError(f"the picture {path.name} is missing or broken") from error
+        except ValueError as error:
+            raise ValueError(f"the picture {path.name} {error}") from error
         if picture_name(image) != name:
             raise ValueError(f"the picture {path.name} is not the one that was stored")
+        if image.size + sum(other.size for other in self.loaded.values()) > 3 * _MOST_PIXELS:
+            raise ValueError(f"its pictures have more than {_MOST_PIXELS} pixels together")
         return image
 
 
@@ -142,7 +175,7 @@ def _load(folder: Path, name: str, key: str, adapter: TypeAdapter[T]) -> T:
 
 def _document(path: Path) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_bytes())
+        document = json.loads(folders.read(path, MOST_JSON))
     except OSError as error:
         raise InputError(
             f"'{path}' cannot be read: {error.strerror}; name a folder that pliant wrote"
@@ -158,23 +191,6 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 # --- files -------------------------------------------------------------------------------------
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a whole file or none, making its folder.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"'{path}' cannot be written: {error.strerror}; choose another folder"
-        ) from error
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
@@ -197,7 +213,7 @@ def prepare_folder(path: Path) -> None:
     """Make an output folder. One that pliant wrote before may be used again.
 
     Raises:
-        InputError: it cannot be made, or it holds something that pliant did not write.
+        InputError: it cannot be made, or it holds something that pliant did not write, or a link.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -210,6 +226,23 @@ def prepare_folder(path: Path) -> None:
         raise InputError(
             f"output folder '{path}' holds something else than results of pliant: choose a new one"
         )
+    folders.refuse_links(path)
+
+
+def kept_trials(run: Path) -> list[Path]:
+    """The folders of the trials whose records a run keeps, in the order of their names."""
+    return sorted(path.parent for path in (run / TRIALS).glob(f"*/{TRIAL}"))
+
+
+def trial_folder(run: Path, trial_id: str) -> Path:
+    """Where a run keeps a trial's record.
+
+    Raises:
+        InputError: the id, as a file may give it, is not the name of a folder.
+    """
+    if not _NAME.fullmatch(trial_id) or len(trial_id) > _LONGEST_NAME:
+        raise InputError(f"'{run}' holds a trial '{trial_id}', which is no trial's name")
+    return run / TRIALS / trial_id
 
 
 # --- run.json ----------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import yaml
 
+from pliant import pictures
 from pliant.cell import Camera, View
 from pliant.envelope import Limits
 from pliant.errors import InputError, unknown
@@ -185,17 +186,23 @@ def _camera(entry: Any, path: Path) -> Camera:
 
 def _picture(path: Path, name: Any, formation: str, camera: Camera) -> Any:
     picture = path.parent / str(name)
+    what = f"goal file '{path}': the picture '{picture}' of {formation}"
+    if picture.parent != path.parent or picture.name == "..":
+        raise InputError(f"{what} is in another folder: it must lie beside the file")
     if not picture.is_file():
-        raise InputError(f"goal file '{path}': the picture '{picture}' of {formation} is missing")
-    bgr = cv2.imread(str(picture))
-    if bgr is None:
-        raise InputError(f"goal file '{path}': the picture '{picture}' of {formation} is broken")
-    if bgr.shape[:2] != (camera.height, camera.width):
+        raise InputError(f"{what} is missing")
+    try:
+        image = pictures.read(picture)
+    except OSError as error:
+        raise InputError(f"{what} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{what} {error}") from error
+    if image.shape[:2] != (camera.height, camera.width):
         raise InputError(
-            f"goal file '{path}': the picture '{picture}' of {formation} is {bgr.shape[1]} x"
-            f" {bgr.shape[0]} pixels, its camera's are {camera.width} x {camera.height}"
+            f"{what} is {image.shape[1]} x {image.shape[0]} pixels, its camera's are"
+            f" {camera.width} x {camera.height}"
         )
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+    return image
 
 
 def _partial(entry: Any, path: Path, name: str) -> dict[Axis, float]:

@@ -17,9 +17,9 @@ from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
 from pliant.experiment.bench.cases import SHIPPED, Cases
 from pliant.experiment.bench.marks import Make, Mark
+from pliant.files import write_bytes
 from pliant.reasoners import VLM, reasoner, vlm
 from pliant.recovery import Reasoner
-from pliant.store import write_bytes
 
 _PLAIN_EVERY_S = 30.0
 

@@ -14,6 +14,7 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
+from pliant import store
 from pliant.cell import Truth
 from pliant.cli import rehearse
 from pliant.cli.attended import attended
@@ -112,7 +113,7 @@ def run(
     else:
         trial = _attended(experiment, spec, folder, teller, model)
     _store(folder, trial)
-    page = folder / "trials" / trial.trial_id
+    page = store.trial_folder(folder, trial.trial_id)
     video = video and trajectory is not None
     if not json and video:
         teller.say("drawing the video ...")

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import yaml
 
+from pliant import pictures
 from pliant.cell import Camera, View
 from pliant.commissioning.session import Record
 from pliant.errors import InputError
@@ -103,11 +104,7 @@ class Draft:
         }
 
     def _record(self, entry: dict[str, Any]) -> Record:
-        data = np.frombuffer((self.folder / entry["picture"]).read_bytes(), np.uint8)
-        bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
-        if bgr is None:
-            raise ValueError(f"{entry['picture']} is no picture")
-        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        image = pictures.read(self.folder / Path(entry["picture"]).name)
         return Record(
             formation=Formation(entry["formation"]),
             goal=_pose(entry["goal"]),

@@ -138,7 +138,7 @@ class Attended:
                 f"the cell cannot be prepared: {trial.fault}; see to it, and the same command goes"
                 " on"
             )
-        return self._kept(folder / "trials" / trial.trial_id, trial)
+        return self._kept(store.trial_folder(folder, trial.trial_id), trial)
 
     def _kept(self, folder: Path, trial: Trial) -> Trial:
         """The trial with its label, stored; without it before the person is asked."""

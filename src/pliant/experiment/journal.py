@@ -13,16 +13,19 @@ import sys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from pliant.errors import InputError
 from pliant.experiment.rows import Rows
-from pliant.store import write_bytes
+from pliant.files import write_bytes
 
 FILE = "journal.jsonl"
+_APPEND = os.O_RDWR | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)  # never through a link
 _ROWS, _CRC = b',"rows":', b',"crc":'
+_MOST_LINE = 1 << 26  # [bytes]
 _BUFFER = 1 << 18  # [bytes]; Python's own is shorter than a line, which makes reading 6 x slower
 
 
@@ -44,12 +47,14 @@ def scan(path: Path) -> Iterator[Entry]:
     try:
         with path.open("rb", buffering=_BUFFER) as file:
             offset = 0
-            for number, line in enumerate(file, start=1):
+            lines = iter(partial(file.readline, _MOST_LINE + 1), b"")
+            for number, line in enumerate(lines, start=1):
+                if len(line) > _MOST_LINE:
+                    raise _damaged(number, path)
                 if not line.endswith(b"\n"):
                     return  # torn: a kill in the middle of the write
                 _check(line, number, path)
-                head = json.loads(line[: line.index(_ROWS)] + b"}")
-                yield Entry(offset=offset, **head)
+                yield _entry(line, offset, number, path)
                 offset += len(line)
     except OSError as error:
         raise InputError(f"journal '{path}' cannot be read: {error.strerror}") from error
@@ -82,8 +87,7 @@ def rows_at(path: Path, offsets: Iterator[int]) -> Iterator[Rows]:
             file.seek(offset)
             line = file.readline()
             _check(line, None, path)
-            rows = json.loads(line)["rows"]
-            yield Rows(trial=rows["trial"], executions=rows["executions"])
+            yield _rows(line, path)
 
 
 class Journal:
@@ -97,7 +101,7 @@ class Journal:
         self.path = path
         self.torn = 0
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            self._file = os.open(path, _APPEND | os.O_CREAT, 0o644)
             _lock(self._file, path)
             self.torn = torn_bytes(path)
             if self.torn:
@@ -145,7 +149,7 @@ class Journal:
                 lines[n] = encoded(rows)
         old = self._file
         write_bytes(self.path, b"".join(lines))
-        self._file = os.open(self.path, os.O_RDWR | os.O_APPEND)
+        self._file = os.open(self.path, _APPEND)
         _lock(self._file, self.path)
         os.close(old)
 
@@ -165,11 +169,39 @@ def _check(line: bytes, number: int | None, path: Path) -> None:
     cut = line.rfind(_CRC)
     if cut >= 0 and line[cut + len(_CRC) :] == b"%d}\n" % zlib.crc32(memoryview(line)[:cut]):
         return
+    raise _damaged(number, path)
+
+
+def _damaged(number: int | None, path: Path) -> InputError:
     where = f"line {number} of " if number else ""
-    raise InputError(
+    return InputError(
         f"{where}journal '{path}' is damaged: delete that line and run the experiment again, and"
         " its trial is repeated"
     )
+
+
+def _entry(line: bytes, offset: int, number: int, path: Path) -> Entry:
+    """The head of a line. Its checksum only says that it is as somebody wrote it."""
+    match _parsed(line.partition(_ROWS)[0] + b"}"):
+        case {"trial_id": str(trial_id), "inserted": bool() | None as inserted}:
+            return Entry(trial_id=trial_id, inserted=inserted, offset=offset)
+    raise _damaged(number, path)
+
+
+def _parsed(text: bytes) -> Any:
+    """JSON's values; None where it is none."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _rows(line: bytes, path: Path) -> Rows:
+    match _parsed(line):
+        case {"rows": {"trial": dict(trial), "executions": list(executions)}}:
+            if all(isinstance(e, dict) for e in executions):
+                return Rows(trial=trial, executions=executions)
+    raise _damaged(None, path)
 
 
 def _lock(file: int, path: Path) -> None:

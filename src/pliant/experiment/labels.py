@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from pliant import store
+from pliant import folders, store
 from pliant.errors import InputError
 from pliant.experiment import journal, results
 from pliant.experiment.attended import labelled, last_picture
@@ -25,13 +25,14 @@ def label(folder: Path, ask: Ask) -> tuple[int, int]:
     path = folder / journal.FILE
     if not path.is_file():
         raise InputError(f"'{folder}' has no {journal.FILE}: name the folder of an experiment")
+    folders.refuse_links(folder)
     done = 0
     with journal.Journal(path) as book:
         lacking = [
             kept
             for entry in journal.scan(path)
             if entry.inserted is None
-            and ((kept := folder / "trials" / entry.trial_id) / store.TRIAL).is_file()
+            and ((kept := store.trial_folder(folder, entry.trial_id)) / store.TRIAL).is_file()
         ]
         for kept in lacking:
             trial = store.load_trial(kept)

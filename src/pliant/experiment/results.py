@@ -1,13 +1,15 @@
 """The Parquet files of a run, derived from its journal in canonical order: by cell, then seed."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, islice
 from pathlib import Path
 from typing import TypeVar
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from pliant import folders
 from pliant.errors import InputError
 from pliant.experiment.columns import EXECUTIONS, TRIALS, Column, schema
 from pliant.experiment.journal import rows_at
@@ -16,6 +18,15 @@ from pliant.records import SCHEMA
 
 TRIALS_FILE, EXECUTIONS_FILE = "trials.parquet", "executions.parquet"
 _BATCH = 2000  # trials in memory at a time, and rows of a row group
+_MOST_AT_ONCE = 1 << 28  # [bytes] of a batch of rows, were every text the longest
+_MOST_BYTES = 1 << 31  # of all rows in memory: ten times those of a million trials' numbers
+_MOST_SAID = 200  # characters of Arrow's own words
+_AGAIN = "write it again with the command that began the experiment"
+_WHOSE = (
+    *("trial_id", "cell", "level", "peg", "skills", "condition", "reasoner", "seed", "judged"),
+    *("end_reason", "executions", "moves", "simulated_s", "wall_s"),
+    *("decisions", "clamped", "fallbacks", "tokens"),
+)
 T = TypeVar("T")
 
 
@@ -34,21 +45,25 @@ def write_rows(folder: Path, rows: Iterable[Rows]) -> None:
     Raises:
         InputError: the files cannot be written.
     """
-    names = (TRIALS_FILE, EXECUTIONS_FILE)
-    partial = [folder / f".{name}.part" for name in names]
     trials, executions = schema(TRIALS), schema(EXECUTIONS)
     try:
         with (
-            pq.ParquetWriter(partial[0], trials) as trial_file,
-            pq.ParquetWriter(partial[1], executions) as execution_file,
+            folders.whole(folder / TRIALS_FILE) as first,
+            folders.whole(folder / EXECUTIONS_FILE) as second,
+            pq.ParquetWriter(first, trials, write_page_checksum=True) as trial_file,
+            pq.ParquetWriter(second, executions, write_page_checksum=True) as execution_file,
         ):
             for batch in _batches(rows):
                 trial_file.write_table(_table([r.trial for r in batch], trials))
                 execution_file.write_table(
                     _table([e for r in batch for e in r.executions], executions)
                 )
-        for path, name in zip(partial, names, strict=True):
-            path.replace(folder / name)
+    except (pa.ArrowException, LookupError, TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"the rows of '{folder}' are not what pliant writes ({type(error).__name__}: {error})"
+        ) from error
     except OSError as error:
         raise InputError(
             f"the results cannot be written to '{folder}': {error.strerror or error}; free space"
@@ -60,11 +75,14 @@ def read_trials(folder: Path) -> pa.Table:
     """trials.parquet of a finished run.
 
     Raises:
-        InputError: the file is missing or broken, or has another schema.
+        InputError: the file is missing, broken or larger than results are, or has another schema.
     """
     path = folder / TRIALS_FILE
-    _check(path, TRIALS)
-    return pq.read_table(path)
+    table = pa.Table.from_batches(_read(path, TRIALS, _WHOSE), schema(TRIALS))
+    ids = table["trial_id"]
+    if pc.count_distinct(ids).as_py() < len(ids):
+        raise InputError(f"'{path}' is broken: a trial is in it twice; {_AGAIN}")
+    return table
 
 
 def each_trials_executions(folder: Path) -> Iterator[list[Row]]:
@@ -73,25 +91,54 @@ def each_trials_executions(folder: Path) -> Iterator[list[Row]]:
     Raises:
         InputError: as `read_trials`.
     """
-    path = folder / EXECUTIONS_FILE
-    _check(path, EXECUTIONS)
-    batches = pq.ParquetFile(path).iter_batches(batch_size=_BATCH)
+    batches = _read(folder / EXECUTIONS_FILE, EXECUTIONS, ("trial_id", "index", "formation"))
     rows = (row for batch in batches for row in batch.to_pylist())
     for _, group in groupby(rows, key=lambda row: row["trial_id"]):
         yield list(group)
 
 
-def _check(path: Path, columns: tuple[Column, ...]) -> None:
+def _read(
+    path: Path, columns: tuple[Column, ...], known: Sequence[str]
+) -> Iterator[pa.RecordBatch]:
+    """A file's rows in batches, with each page held to its checksum. `known` columns are never
+    null. What is packed into few bytes is unpacked only as far as results are large."""
     if not path.is_file():
         raise InputError(
             f"'{path}' does not exist: name the folder of a finished experiment, or finish it with"
             " the command that began it"
         )
+    folders.refuse_link(path)
+    total = 0
     try:
-        written = pq.read_schema(path)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"'{path}' cannot be read: {str(error).splitlines()[0]}") from error
-    found = (written.metadata or {}).get(b"pliant_schema", b"none").decode()
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            _check(path, file.schema_arrow, columns)
+            for batch in file.iter_batches(_rows_at_once(file.metadata)):
+                total += batch.nbytes
+                if total > _MOST_BYTES:
+                    raise InputError(f"'{path}' is larger than results are: {total / 1e6:.0f} MB")
+                for name in known:
+                    if batch[name].null_count:
+                        raise InputError(
+                            f"'{path}' is broken: '{name}' is missing in a row; {_AGAIN}"
+                        )
+                yield batch
+    except (OSError, pa.ArrowException) as error:
+        said = " ".join(str(error).split())[:_MOST_SAID]
+        raise InputError(f"'{path}' is broken ({said}); {_AGAIN}") from error
+
+
+def _rows_at_once(found: pq.FileMetaData) -> int:
+    """As many rows as cannot take much memory, were each text as long as its column is packed."""
+    groups = [found.row_group(n) for n in range(found.num_row_groups)]
+    longest = max(
+        (g.column(n).total_uncompressed_size for g in groups for n in range(g.num_columns)),
+        default=1,
+    )
+    return max(1, min(_BATCH, _MOST_AT_ONCE // max(1, longest)))
+
+
+def _check(path: Path, written: pa.Schema, columns: tuple[Column, ...]) -> None:
+    found = (written.metadata or {}).get(b"pliant_schema", b"none").decode(errors="replace")
     if found != str(SCHEMA) or not written.equals(schema(columns)):
         raise InputError(
             f"'{path}' has schema {found}, or other columns; this pliant reads {SCHEMA}: use the"

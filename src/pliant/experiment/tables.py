@@ -11,7 +11,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from pliant import store
+from pliant import files, folders, store
 from pliant.experiment import ladder, measures, paper, results
 from pliant.experiment.measures import Row
 from pliant.experiment.tables_text import markdown
@@ -29,9 +29,10 @@ def write(folder: Path) -> Document:
     Raises:
         InputError: the Parquet files are missing or broken, or the folder cannot be written.
     """
+    folders.refuse_links(folder, but=(store.TRIALS,))
     document = build(folder)
-    store.write_bytes(folder / JSON_FILE, (json.dumps(document, indent=1) + "\n").encode())
-    store.write_bytes(folder / MARKDOWN_FILE, markdown(document).encode())
+    files.write_bytes(folder / JSON_FILE, (json.dumps(document, indent=1) + "\n").encode())
+    files.write_bytes(folder / MARKDOWN_FILE, markdown(document).encode())
     return document
 
 

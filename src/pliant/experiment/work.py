@@ -61,7 +61,7 @@ def perform_job(job: Job) -> Rows:
     if job.save.wants(rows):
         from pliant.sim import replay
 
-        folder = job.folder / "trials" / trial.trial_id
+        folder = store.trial_folder(job.folder, trial.trial_id)
         store.save_trial(folder, trial)
         replay.save(folder, cell.trajectory())
     return rows

@@ -1,6 +1,6 @@
 """Where an export goes: a new folder, whole or not at all, with a card that says what it is."""
 
-import os
+import secrets
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,19 +21,21 @@ def filling(path: Path) -> Iterator[Path]:
         InputError: `path` holds something already, or cannot be written.
     """
     check_new(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
     try:
-        partial.mkdir(parents=True)
-        yield partial
-        if path.exists():
-            path.rmdir()
-        partial.rename(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.mkdir()  # new: nobody knew its name
+        try:
+            yield partial
+            if path.exists():
+                path.rmdir()
+            partial.rename(path)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
     except OSError as error:
         raise InputError(
             f"'{path}' cannot be written: {error.strerror or error}; choose another folder"
         ) from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def check_new(path: Path) -> None:

@@ -2,7 +2,6 @@
 the robot's clock. Rerun comes with the extra `rerun` and is imported only here."""
 
 import importlib
-import os
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -13,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from pliant import folders
 from pliant.errors import InputError
 from pliant.export import film
 from pliant.export.labels import Label, labels
@@ -51,20 +51,16 @@ def write(source: Source, out: Path, *, fps: int) -> str:
     saved = replayable(source)[0]
     trial = load_trial(saved.folder)
     sampled = track(trial, replay.load(saved.folder), fps)
-    partial = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        recording = rr.RecordingStream("pliant", recording_id=trial.trial_id)
-        recording.save(str(partial), default_blueprint=_blueprint())
-        _Log(rr, recording, trial, sampled, fps).everything(source)
-        recording.disconnect()
-        partial.replace(out)
+        with folders.whole(out) as partial:
+            recording = rr.RecordingStream("pliant", recording_id=trial.trial_id)
+            recording.save(str(partial), default_blueprint=_blueprint())
+            _Log(rr, recording, trial, sampled, fps).everything(source)
+            recording.disconnect()
     except OSError as error:
         raise InputError(
             f"'{out}' cannot be written: {error.strerror or error}; choose another file"
         ) from error
-    finally:
-        partial.unlink(missing_ok=True)
     return trial.trial_id
 
 

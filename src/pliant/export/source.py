@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pliant import folders
 from pliant.conditions import NOMINAL
 from pliant.errors import InputError
 from pliant.experiment import results
 from pliant.experiment.rows import Row
 from pliant.sim.replay import FILE as TRAJECTORY
-from pliant.store import RUN, TRIAL
+from pliant.store import MOST_JSON, RUN, TRIAL, trial_folder
 
 TRAIN, TEST = "train", "test"
 HELD_OUT = 5  # every fifth seed
@@ -60,12 +61,13 @@ def open_run(folder: Path, trial_id: str | None = None) -> Source:
     Raises:
         InputError: the run is not finished, kept no trial's record, or has no such trial.
     """
+    folders.refuse_links(folder)
     rows = results.read_trials(folder).to_pylist()
     found = splits(rows)
     saved = [
         Saved(folder=kept, row=row, split=split)
         for row, split in zip(rows, found, strict=True)
-        if ((kept := folder / "trials" / str(row["trial_id"])) / TRIAL).is_file()
+        if ((kept := trial_folder(folder, row["trial_id"])) / TRIAL).is_file()
     ]
     if not saved:
         raise InputError(
@@ -118,7 +120,7 @@ def splits(rows: Sequence[Row]) -> list[str]:
 def _run_json(folder: Path) -> Mapping[str, Any]:
     path = folder / RUN
     try:
-        document = json.loads(path.read_bytes())
+        document = json.loads(folders.read(path, MOST_JSON))
     except (OSError, ValueError) as error:
         raise InputError(
             f"'{path}' cannot be read ({error}): it says what made the run, and every data set must"

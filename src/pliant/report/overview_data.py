@@ -17,7 +17,7 @@ from pliant.report import words
 from pliant.report.html import plain
 from pliant.report.summary import Names, Summary
 from pliant.report.trial import PAGE
-from pliant.report.trial import TRIALS as FOLDER
+from pliant.store import TRIALS as FOLDER
 from pliant.task import load_task, shipped_pegs
 
 _NAMES = ("level", "peg", "condition", "reasoner")

@@ -6,7 +6,9 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
+from pliant import folders
 from pliant.errors import InputError
+from pliant.files import write_bytes
 from pliant.formations import Formation
 from pliant.records import Execution, Trial
 from pliant.report import overlay, page, strip, video
@@ -14,13 +16,20 @@ from pliant.report.card import Media
 from pliant.report.document import ASSETS, LIBRARY, library_file, stamp_of
 from pliant.sim import replay
 from pliant.sim.cell import Trajectory
-from pliant.store import PICTURES, TRIAL, Pictures, save_trial, write_bytes, write_jpeg, write_png
+from pliant.store import (
+    MOST_JSON,
+    PICTURES,
+    TRIAL,
+    TRIALS,
+    Pictures,
+    save_trial,
+    write_jpeg,
+    write_png,
+)
 from pliant.task import load_task
 from pliant.teaching import Teaching
 
 PAGE, STRIP, VIDEO, OVERLAYS = "index.html", "strip.png", "video.mp4", "overlays"
-TRIALS = "trials"
-"""The folder of a run that holds its trials' folders."""
 
 _HEAD = 1000  # [characters] of a page in which its stamp is
 
@@ -111,7 +120,7 @@ def is_shown(folder: Path, home: str | None = None) -> bool:
 def _stamp(folder: Path, *, has_goals: bool, home: str | None) -> str:
     """What a page is made from, in short: record, goals, video, and the code that makes it."""
     total = hashlib.sha256(_code_digest())
-    total.update((folder / TRIAL).read_bytes())
+    total.update(folders.read(folder / TRIAL, MOST_JSON))
     filmed = (folder / VIDEO).is_file() and (folder / replay.FILE).is_file()
     total.update(f"{has_goals} {filmed} {home}".encode())
     return total.hexdigest()[:32]

@@ -12,6 +12,7 @@ import numpy as np
 from av.video.reformatter import Colorspace
 from numpy.typing import NDArray
 
+from pliant import folders
 from pliant.errors import InputError
 from pliant.pose import describe
 from pliant.records import Execution, Trial
@@ -67,16 +68,14 @@ def write(path: Path, trial: Trial, trajectory: Trajectory) -> None:
             written.
     """
     shots = storyboard(trial, trajectory)
-    partial = path.with_name(f".{path.name}.part")
     replay = Replay(trial.task, trajectory)
     try:
-        _encode(partial, _frames(replay, trial, shots))
-        partial.replace(path)
+        with folders.whole(path) as partial:
+            _encode(partial, _frames(replay, trial, shots))
     except OSError as error:
         raise InputError(f"the video '{path}' cannot be written: {error.strerror}") from error
     finally:
         replay.cameras.close()
-        partial.unlink(missing_ok=True)
 
 
 def storyboard(trial: Trial, trajectory: Trajectory) -> list[Shot]:

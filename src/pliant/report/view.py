@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from pliant import store
+from pliant import files, folders, store
 from pliant.errors import InputError
 from pliant.records import Trial
 from pliant.report import overview, summary, trial
@@ -17,8 +17,9 @@ _HOME = f"../../{trial.PAGE}"
 
 @dataclass(frozen=True, kw_only=True)
 class Viewed:
-    """The page to open; how many trials' pages were made, how many of them without goal pictures,
-    and how many were up to date; and what is wrong with the trials that have none."""
+    """The page to open, a trial's where the experiment's could not be made; how many trials' pages
+    were made, how many of them without goal pictures, and how many were up to date; and what is
+    wrong with those that have none."""
 
     page: Path
     made: int
@@ -36,28 +37,41 @@ def view(
 ) -> Viewed:
     """Make the pages of an experiment or a single run, or of the one trial stored in `folder`;
     pages that are up to date stay. `teachings` are searched for each trial's goals; `film` draws
-    missing videos too. A trial whose record is broken gets no page, and is named.
+    missing videos too. What is broken gets no page, and is named: a trial's record, or what the
+    experiment's page is made from.
 
     Raises:
-        InputError: the folder holds no results, or they are broken; it cannot be written.
+        InputError: the folder holds no results, or a link; it cannot be written.
     """
     if (folder / store.TRIAL).is_file():
         run = trial.run_of(folder)
+        if run is not None:
+            folders.refuse_links(run, but=(store.TRIALS,))
         home = _HOME if run is not None and (run / trial.PAGE).is_file() else None
-        return _viewed(folder, Counter([_show(folder, teachings, film, home)]), [])
-    found = summary.read(folder)
-    stored = sorted(path.parent for path in (folder / trial.TRIALS).glob(f"*/{store.TRIAL}"))
+        made = Counter([_show(folder, teachings, film, home)])
+        return _viewed(folder / trial.PAGE, made, [])
+    folders.refuse_links(folder, but=(store.TRIALS,))
+    stored = store.kept_trials(folder)
     counts, pages, problems = Counter[_Page](), set(), []
     for n, one in enumerate(stored):
         progress(n, len(stored))
         try:
+            folders.refuse_link(one)
             counts[_show(one, teachings, film, _HOME)] += 1
             pages.add(one.name)
         except InputError as error:
             problems.append(str(error))
-    text = overview.render(found, folder.resolve().name, pages)
-    store.write_bytes(folder / trial.PAGE, text.encode())
-    return _viewed(folder, counts, problems)
+    page = folder / trial.PAGE
+    try:
+        with folders.contained(f"'{folder}'"):
+            text = overview.render(summary.read(folder), folder.resolve().name, pages)
+        files.write_bytes(page, text.encode())
+    except InputError as error:
+        if not pages:
+            raise
+        problems.insert(0, str(error))
+        page = folder / store.TRIALS / min(pages) / trial.PAGE
+    return _viewed(page, counts, problems)
 
 
 class _Page(Enum):
@@ -68,18 +82,20 @@ class _Page(Enum):
 
 def _show(folder: Path, teachings: Sequence[Teaching], film: bool, home: str | None) -> _Page:
     """Make a trial's page, unless it is up to date."""
+    folders.refuse_links(folder)
     lacks_video = film and not (folder / trial.VIDEO).is_file()
     if not lacks_video and trial.is_shown(folder, home):
         return _Page.KEPT
-    stored = store.load_trial(folder)
-    taught = _taught(stored, teachings)
-    trial.show(folder, stored, taught, film=film, home=home)
+    with folders.contained(f"'{folder}'"):
+        stored = store.load_trial(folder)
+        taught = _taught(stored, teachings)
+        trial.show(folder, stored, taught, film=film, home=home)
     return _Page.WITHOUT_GOALS if taught is None else _Page.MADE
 
 
-def _viewed(folder: Path, counts: Counter[_Page], problems: Sequence[str]) -> Viewed:
+def _viewed(page: Path, counts: Counter[_Page], problems: Sequence[str]) -> Viewed:
     return Viewed(
-        page=folder / trial.PAGE,
+        page=page,
         made=counts[_Page.MADE] + counts[_Page.WITHOUT_GOALS],
         kept=counts[_Page.KEPT],
         without_goals=counts[_Page.WITHOUT_GOALS],

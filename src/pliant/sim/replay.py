@@ -5,6 +5,7 @@ trial's own pictures, and edges are smoothed by shrinking: half the time, and ha
 apart.
 """
 
+import io
 import zipfile
 import zlib
 from dataclasses import asdict
@@ -16,6 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from pliant import folders
 from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.sim import constants as c
@@ -30,7 +32,12 @@ _ENLARGED = 2  # times as wide and high, before it is shrunk
 _GRID = 0.0015  # [m] vertices in one cell of this size become one
 _LEAST_FACES = 500  # a mesh with fewer stays as it is
 _SETUP = "setup_"
-_BROKEN = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
+_NPY = ".npy"
+_MOST_BYTES = 1 << 27  # of a trajectory, packed or not: an hour's is a tenth of it
+_BROKEN = (
+    *(OSError, EOFError, ValueError, KeyError, TypeError, RuntimeError, NotImplementedError),
+    *(MemoryError, zipfile.BadZipFile, zlib.error),
+)
 
 
 def save(folder: Path, trajectory: Trajectory) -> None:
@@ -41,12 +48,9 @@ def save(folder: Path, trajectory: Trajectory) -> None:
     """
     arrays: dict[str, NDArray[Any]] = {"time_s": trajectory.time_s, "qpos": trajectory.qpos}
     arrays |= {f"{_SETUP}{name}": np.array(v) for name, v in asdict(trajectory.setup).items()}
-    partial = folder / f".{FILE}.part"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
+        with folders.whole(folder / FILE) as partial, partial.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
-        partial.replace(folder / FILE)
     except OSError as error:
         raise InputError(
             f"'{folder / FILE}' cannot be written: {error.strerror}; choose another folder"
@@ -63,18 +67,30 @@ def load(folder: Path) -> Trajectory:
     if not path.is_file():
         raise InputError(f"'{path}' does not exist: only simulated trials have a trajectory")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            setup = {
-                name.removeprefix(_SETUP): arrays[name].item()
-                for name in arrays.files
-                if name.startswith(_SETUP)
-            }
-            time_s, qpos = arrays["time_s"], arrays["qpos"]
-            if time_s.ndim != 1 or qpos.ndim != 2 or len(qpos) != len(time_s):
-                raise ValueError("times and joint positions do not match")
-            return Trajectory(time_s=time_s, qpos=qpos, setup=Setup(**setup))
+        with zipfile.ZipFile(io.BytesIO(folders.read(path, _MOST_BYTES))) as archive:
+            if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
+                raise ValueError(f"it holds more than {_MOST_BYTES / 1e6:.0f} MB")
+            arrays = {name: _array(archive.read(name)) for name in archive.namelist()}
+        setup = {
+            name.removeprefix(_SETUP).removesuffix(_NPY): array.item()
+            for name, array in arrays.items()
+            if name.startswith(_SETUP)
+        }
+        time_s, qpos = arrays[f"time_s{_NPY}"], arrays[f"qpos{_NPY}"]
+        if time_s.ndim != 1 or qpos.ndim != 2 or len(qpos) != len(time_s) or not len(qpos):
+            raise ValueError("times and joint positions do not match")
+        if not all(a.dtype.kind == "f" and np.isfinite(a).all() for a in (time_s, qpos)):
+            raise ValueError("a time or a joint position is not a number")
+        return Trajectory(time_s=time_s, qpos=qpos, setup=Setup(**setup))
     except _BROKEN as error:
         raise InputError(f"'{path}' is broken: {error}; run the trial again") from error
+
+
+def _array(npy: bytes) -> NDArray[Any]:
+    """An array of numbers; a file that holds Python's own objects, which could run code, is not
+    read."""
+    array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(npy), allow_pickle=False)
+    return array
 
 
 class Replay:

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pliant import pictures
 from pliant.cell import View
 from pliant.errors import InputError, RobotFault
 from pliant.ur5e import configuration as c
@@ -100,11 +101,14 @@ class Http:
                     "camera", f"the camera's picture is {stamp_s - taken_s:.2f} s old: it is frozen"
                 )
             time.sleep(_RETRY_S)
-        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-        if bgr is None:
-            raise RobotFault("camera", f"{self._settings.where} does not send pictures")
+        try:
+            picture = pictures.decoded(data)
+        except ValueError as error:
+            raise RobotFault(
+                "camera", f"{self._settings.where} does not send pictures: what came {error}"
+            ) from error
         time_s = (stamp_s if taken_s is None else taken_s) - origin_s
-        return _view(self._settings, _rgb(bgr), time_s)
+        return _view(self._settings, picture, time_s)
 
     def close(self) -> None:
         """Nothing stays open."""
@@ -114,7 +118,8 @@ class Http:
         try:
             with urllib.request.urlopen(self._settings.where, timeout=left_s) as answer:
                 stamp = answer.headers.get(TIME_HEADER)
-                return answer.read(), None if stamp is None else float(stamp)
+                data = answer.read(pictures.MOST_BYTES)
+                return data, None if stamp is None else float(stamp)
         except (OSError, ValueError, http.client.HTTPException) as error:
             if isinstance(error, urllib.error.HTTPError):
                 error.close()

@@ -15,6 +15,7 @@ import hashlib
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -27,12 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from pliant import pictures
 from pliant.cell import Motion, Trace, Truth
 from pliant.errors import InputError
 from pliant.experiment.bench.answers import Answer
+from pliant.files import write_bytes
 from pliant.formations import Formation, Goals
 from pliant.records import SCHEMA, Case, Look, Outcome
-from pliant.store import picture_name, write_bytes
+from pliant.store import picture_name
 from pliant.teaching import Teaching
 
 SHIPPED = Path(__file__).with_name("cases.zip")
@@ -40,6 +43,8 @@ SHIPPED_HASH = "9a1179144a6dfdf1"
 """Content hash of the set that ships: figures of different sets do not compare."""
 
 _CASES, _ANSWERS, _TEACHING = "cases.jsonl", "answers.jsonl", "teaching.json"
+_MOST_TEXT = 1 << 28  # [bytes] of a member that is text
+_BROKEN = (KeyError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
 _WHENCE = "give a set that reproduce/make_cases.py wrote"
 _AGAIN = "; make the set again"
 _LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]
@@ -144,8 +149,9 @@ class Cases:
     def _texts(self) -> dict[str, bytes]:
         with _opened(self.path) as archive:
             try:
-                return {name: archive.read(name) for name in (_CASES, _ANSWERS, _TEACHING)}
-            except (KeyError, zipfile.BadZipFile) as error:
+                names = (_CASES, _ANSWERS, _TEACHING)
+                return {name: _member(archive, name, _MOST_TEXT) for name in names}
+            except _BROKEN as error:
                 raise InputError(
                     f"'{self.path}' is not a whole case set: {error.args[0]}; {_WHENCE}"
                 ) from error
@@ -234,13 +240,13 @@ class _Pictures:
     def load(self, name: object) -> NDArray[np.uint8]:
         """Raises ValueError if the picture is missing or not the one that was stored."""
         try:
-            webp = np.frombuffer(self.archive.read(f"pictures/{name}.webp"), np.uint8)
-        except (KeyError, zipfile.BadZipFile) as error:
+            webp = _member(self.archive, f"pictures/{name}.webp", pictures.MOST_BYTES)
+        except _BROKEN as error:
             raise ValueError(f"the picture {name}.webp is missing or broken") from error
-        bgr = cv2.imdecode(webp, cv2.IMREAD_COLOR) if webp.size else None
-        if bgr is None:
-            raise ValueError(f"the picture {name}.webp is broken")
-        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        try:
+            image = pictures.decoded(webp)
+        except ValueError as error:
+            raise ValueError(f"the picture {name}.webp {error}") from error
         if picture_name(image) != name:
             raise ValueError(f"the picture {name}.webp is not the one that was stored")
         return image
@@ -255,6 +261,14 @@ def _opened(path: Path) -> zipfile.ZipFile:
         ) from error
     except zipfile.BadZipFile as error:
         raise InputError(f"'{path}' is not a case set: {error}; {_WHENCE}") from error
+
+
+def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
+    """A member unpacked, into memory; no more is read than it says, and it may not say more than
+    `most`. Raises one of `_BROKEN`."""
+    if archive.getinfo(name).file_size > most:
+        raise zipfile.BadZipFile(f"{name} is larger than {most / 1e6:.0f} MB")
+    return archive.read(name)
 
 
 def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:

@@ -1,0 +1,37 @@
+"""Text from outside, such as the name of somebody's peg or what a model said, made fit for where it
+is shown.
+
+A terminal obeys some characters, others cannot be seen or turn the reading direction, and Markdown
+has signs of its own. Text that is shown is never obeyed.
+"""
+
+import re
+
+_BIDI = [*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C]
+_UNSHOWN = [*range(0x80, 0xA0), *range(0xD800, 0xE000), *_BIDI, 0x2028, 0x2029]
+_SIGNS: dict[int, str] = {
+    **{code: chr(0x2400 + code) for code in range(0x20) if chr(code) not in "\t\n\r"},
+    0x7F: "\N{SYMBOL FOR DELETE}",
+    **dict.fromkeys(_UNSHOWN, "\N{REPLACEMENT CHARACTER}"),
+}
+_ENDS_A_LINE = {code: chr(0x2400 + code) for code in (0x0A, 0x0D)}
+_MARKS = re.compile(r"[\\`*\[\]<>|~&]|(?<!\w)_|_(?!\w)")
+_LEADS = re.compile(r"(#+|[-+=]+|\d+[.)])(?=\s|$)")
+
+
+def visible(text: str) -> str:
+    """The text with a sign in the place of each character that a terminal would obey, that nobody
+    sees, or that cannot be written as UTF-8. Tabs and the ends of lines stay."""
+    return text.translate(_SIGNS)
+
+
+def in_a_line(text: str) -> str:
+    """As `visible`, with a sign for the end of a line, too: what is one line stays one."""
+    return visible(text).translate(_ENDS_A_LINE).replace("\t", " ")
+
+
+def markdown(text: str) -> str:
+    """The text as Markdown that shows just this text, in one line; an ordinary name stays as it
+    is."""
+    escaped = _MARKS.sub(lambda mark: f"\\{mark[0]}", in_a_line(text))
+    return f"\\{escaped}" if _LEADS.match(escaped) else escaped
