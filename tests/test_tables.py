@@ -252,10 +252,10 @@ def test_what_is_no_finished_run_is_refused_with_what_to_do(tmp_path: Path, fold
     with pytest.raises(InputError, match="finish it with the command that began it"):
         tables.build(tmp_path / "absent")
     (folder / "executions.parquet").write_bytes(b"PAR1 no")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is broken"):
         tables.build(folder)
     (folder / "trials.parquet").write_bytes((folder / "executions.parquet").read_bytes())
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is broken"):
         tables.timing(folder)
 
 
