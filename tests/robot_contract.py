@@ -10,11 +10,14 @@ from pliant.pose import Axis, Pose
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
+from pliant.wrist import LIMIT_M as WRIST_LIMIT_M
+from pliant.wrist import OVER_M
 
 TASK = load_task("circle")
 HOME = Pose(z=TASK.tip_below_hinge + 0.06)
 BESIDE = HOME.updated({Axis.Y: 0.03})  # of the hole
 PRESSED = BESIDE.updated({Axis.Z: TASK.tip_below_hinge - 0.015})
+CRUSHED = BESIDE.updated({Axis.Z: TASK.tip_below_hinge - 0.050})  # by far too deep
 LIMIT_M = 0.008
 
 
@@ -26,8 +29,41 @@ def move(robot: Robot, pose: Pose, speed_m_s: float = 0.05, limit_m: float = 0.0
     return robot.move_to(pose, speed_m_s=speed_m_s, stop_at_compression_m=limit_m).stop
 
 
-class RobotContract:
-    """Subclasses give the fixture `cell`."""
+class LimitContract:
+    """The limit of the wrist. Subclasses give the fixtures `cell` and `robot`."""
+
+    def go(self, robot: Robot, pose: Pose) -> Stop:
+        return move(robot, pose, 0.02)
+
+    def press(self, robot: Robot) -> None:
+        """Until the wrist's limit ends it."""
+        move(robot, BESIDE.updated({Axis.Z: TASK.tip_below_hinge + 0.012}))
+        assert self.go(robot, CRUSHED) is Stop.COMPRESSION
+
+    def test_a_wrist_past_its_limit_is_pressed_no_further_however_often_it_is_asked(
+        self, robot: Robot, cell: Workcell
+    ) -> None:
+        self.press(robot)
+        aside = CRUSHED.updated({Axis.Y: 0.035})
+        turned = CRUSHED.updated({Axis.ROLL: 0.05})
+        for pose in (CRUSHED, aside, turned, CRUSHED) * 3:
+            assert self.go(robot, pose) is Stop.COMPRESSION
+            assert cell.truth().compression_m < WRIST_LIMIT_M + 0.001
+
+    def test_a_wrist_past_its_limit_may_press_again_once_it_was_relieved(
+        self, robot: Robot, cell: Workcell
+    ) -> None:
+        self.press(robot)
+        at = robot.observe(cameras=()).pose
+        assert self.go(robot, at.updated({Axis.Z: at.z + 0.006})) is Stop.REACHED
+        assert cell.truth().compression_m < WRIST_LIMIT_M - 0.004
+        assert self.go(robot, at.updated({Axis.Z: at.z + 0.002})) is Stop.REACHED
+        assert self.go(robot, CRUSHED) is Stop.COMPRESSION
+        assert cell.truth().compression_m < WRIST_LIMIT_M + OVER_M
+
+
+class RobotContract(LimitContract):
+    """All of it. Subclasses give the fixture `cell`."""
 
     @pytest.fixture
     def robot(self, cell: Workcell) -> Robot:

@@ -9,6 +9,7 @@ from pliant.cell import Motion, Observation, Robot
 from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
+from pliant.wrist import LIMIT_M
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +21,7 @@ class Limits:
     high: Pose = Pose(x=0.03, y=0.10, z=0.40, roll=0.5, pitch=0.3, yaw=0.5)
     speed_m_s: float = 0.10
     contact_speed_m_s: float = 0.02  # for skills to keep: the envelope knows no contact
-    compression_m: float = 0.020
+    compression_m: float = LIMIT_M
     goal_step_m: float = 0.045
     goal_step_rad: float = MOST_TURN
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pliant.cell import Motion, Observation, Stop, Trace, Truth, View
 from pliant.conditions import Setup
+from pliant.errors import RobotFault
 from pliant.pose import Pose, angles_from, pose_from
 from pliant.sim import constants as c
 from pliant.sim import model as m
@@ -22,6 +23,7 @@ from pliant.sim.render import Cameras
 from pliant.sim.sensor import Sensor
 from pliant.sim.setup import apply, is_moving, place
 from pliant.task import Task
+from pliant.wrist import Watch
 
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
@@ -137,7 +139,7 @@ class SimRobot:
         self.tip_site = self.model.site(m.TIP_SITE).id
         self.peg_body, self.board_body = self.model.body(m.PEG).id, self.model.body(m.BOARD).id
         self._free_hang = self._tared = 0.0  # where the slide is at rest, and is felt to be [m]
-        self._sensor = Sensor(self.setup, 0.0)
+        self._sensor, self._wrist = Sensor(self.setup, 0.0), Watch()
         self._stale = self.setup.stream("stale")
         self._last: dict[str, View] = {}  # picture of each camera
         self._sag = np.zeros(len(self.arm.qpos))  # [rad] set points less joint angles, at rest
@@ -173,6 +175,7 @@ class SimRobot:
         self.cameras.dress(setup)
         self._sensor = Sensor(setup, float(data.qpos[self._slide]))
         self._stale, self._last = setup.stream("stale"), {}
+        self._wrist.forget()
         self.tare()
         self._keep_frame()
 
@@ -195,20 +198,14 @@ class SimRobot:
         ticks = max(1, math.ceil(profile.duration / c.CONTROL_PERIOD))
         fractions = profile.fractions(np.arange(1.0, ticks + 1.0) * c.CONTROL_PERIOD)
         path = _along(waypoints, fractions)
-        return self._follow(path, pose, stop_at_compression_m, self._watched())
+        return self._follow(path, pose, stop_at_compression_m)
 
-    def stream_to(
-        self, pose: Pose, *, seconds: float, stop_at_compression_m: float, floor_m: float
-    ) -> Motion:
-        """Run the set points evenly, without ramps, to a pose a few millimetres away.
-
-        Where the wrist is pressed past the limit already, `floor_m` is the least compression since:
-        this motion may not press further than that, so that no row of them can either.
-        """
+    def stream_to(self, pose: Pose, *, seconds: float, stop_at_compression_m: float) -> Motion:
+        """Run the set points evenly, without ramps, to a pose a few millimetres away."""
         target = self.arm.solve(pose.position(), pose.rotation(), self._q, _STREAM_TOLERANCE)
         ticks = max(1, round(seconds / c.CONTROL_PERIOD))
         path = self._q + np.arange(1, ticks + 1)[:, None] / ticks * (target - self._q)
-        return self._follow(path, pose, stop_at_compression_m, min(floor_m, self._watched()))
+        return self._follow(path, pose, stop_at_compression_m)
 
     def settle(self, seconds: float) -> None:
         for _ in range(round(seconds / c.CONTROL_PERIOD)):
@@ -277,29 +274,34 @@ class SimRobot:
         """Call `on_step` after every control period; for the live viewer."""
         self._on_step = on_step
 
-    def _follow(self, path: NDArray[np.float64], pose: Pose, limit: float, floor: float) -> Motion:
-        """Hold each row of `path` (ticks, 6) [rad], which ends at `pose`, for one control period;
-        `limit` and `floor`, the least compression so far, are in metres."""
+    def _follow(self, path: NDArray[np.float64], pose: Pose, limit: float) -> Motion:
+        """Hold each row of `path` (ticks, 6) [rad], which ends at `pose`, for one control period,
+        until compression is past `limit` [m]. What the wrist's own limit does not permit is not
+        begun: the arm stays for a control period where it is."""
         started = self.clock()
         peak = self._watched()
         stop = Stop.REACHED
         samples = _Samples()
+        margin = _UNLOADING + self._sensor.margin
+        limit = min(limit, self._wrist.limit_m)
+        if not self._wrist.begin(peak, self._toward_tip(pose), limit):
+            path = self.data.ctrl[None].copy()
+            stop = Stop.COMPRESSION
         ticks = len(path)
         for k in range(ticks):
             self.data.ctrl[:] = path[k]
             self._control()
             watched = self._watched()
             peak = max(peak, watched)
-            floor = min(floor, watched)
+            ends = self._wrist.ends(watched, margin)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
                 self._sample(samples, self.compression())
-            if watched > max(limit, floor + _UNLOADING + self._sensor.margin):
+            if ends and stop is Stop.REACHED:
                 stop = Stop.COMPRESSION
+                self.halt()
+                self.settle(self._sensor.delay_s)
                 break
-        if stop is Stop.COMPRESSION:
-            self.halt()
-            self.settle(self._sensor.delay_s)
-        else:
+        if stop is Stop.REACHED:
             self._commanded, self._q = pose, path[-1]
         return Motion(
             requested=pose,
@@ -311,6 +313,11 @@ class SimRobot:
             ended_s=self.clock(),
             trace=samples.trace(),
         )
+
+    def _toward_tip(self, pose: Pose) -> float:
+        """How far the way to a pose goes along the wrist's axis there, toward the tip [m]."""
+        way = pose.position() - self._commanded.position()
+        return float(-way @ pose.rotation()[:, 2])
 
     def _length(self, pose: Pose) -> float:
         """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
@@ -331,6 +338,11 @@ class SimRobot:
         if self._controls % _CONTROLS_PER_FRAME == 0:
             self._keep_frame()
         self._on_step()
+        try:
+            self._wrist.read(self._watched(), self._sensor.margin)
+        except RobotFault:
+            self.halt()
+            raise
 
     def _keep_frame(self) -> None:
         self.frames.append((self.clock(), self.data.qpos.copy()))

@@ -20,7 +20,6 @@ class Streamed:
     def __init__(self, robot: SimRobot, period_s: float) -> None:
         self._robot = robot
         self._period_s = period_s
-        self._floor_m = math.inf  # least compression since the limit was passed
 
     def __enter__(self) -> Self:
         return self
@@ -36,16 +35,11 @@ class Streamed:
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
         length = math.dist(pose.position(), self._robot.set_point().position())
         longer = c.CONTROL_PERIOD * math.ceil(length / speed_m_s / c.CONTROL_PERIOD - 1e-6)
-        motion = self._robot.stream_to(
+        return self._robot.stream_to(
             pose,
             seconds=max(self._period_s, longer),
             stop_at_compression_m=stop_at_compression_m,
-            floor_m=self._floor_m,
         )
-        pressed = self._robot.compression()
-        over = pressed > stop_at_compression_m
-        self._floor_m = min(self._floor_m, pressed) if over else math.inf
-        return motion
 
     def settle(self, seconds: float) -> None:
         self._robot.settle(seconds)

@@ -17,6 +17,7 @@ from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.scene import Measured
 from pliant.vision.surround import FRONT, SIDE
+from pliant.wrist import LIMIT_M
 
 WORKED = 0.010  # [m] of compression while a stuck peg is shaken
 _HELD_BACK = 0.005  # [m] the wrist is stretched by a peg that holds on
@@ -51,7 +52,7 @@ class Manner:
     contact_speed_m_s: float = 0.02
     guarded_speed_m_s: float = 0.03
     turning_speed_m_s: float = 0.10  # of the arc at the tip's distance; a turn about z moves no tip
-    compression_limit_m: float = 0.020  # from free hang
+    compression_limit_m: float = LIMIT_M  # from free hang
     swing_s: float = 0.8  # until a free-hanging peg is nearly at rest
     rest_s: float = 0.3
 

@@ -11,6 +11,7 @@ from pliant.cell import Motion, Robot
 from pliant.formations import Formation, Goals, Step
 from pliant.pose import Pose
 from pliant.records import Looking, Outcome
+from pliant.wrist import LIMIT_M
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,7 @@ class Planar:
     taught: Goals
     free_speed_m_s: float = 0.05
     contact_speed_m_s: float = 0.02  # slow enough that a dragged tip does not hop
-    compression_limit_m: float = 0.020  # from free hang
+    compression_limit_m: float = LIMIT_M  # from free hang
     settle_s: float = 0.6
     approach_settle_s: float = 1.5  # in free hang the wrist swings longer
 

@@ -23,6 +23,7 @@ from pliant.ur5e.compression import Compression
 from pliant.ur5e.configuration import Configuration, Transform
 from pliant.ur5e.gripper import Gripper
 from pliant.ur5e.pace import LOOK_S
+from pliant.wrist import Watch
 
 _ALIVE_S = 0.05
 _IDLE_S = 0.005
@@ -31,7 +32,9 @@ _LATENCY_S = 0.015  # from the force to the first braking, measured; five times 
 _SAMPLE_S = 0.05
 _REST_S = 0.5  # from the end of a motion, or from a stop, until the arm is still
 _NEAR_M, _NEAR_RAD = 0.002, math.radians(1.0)  # of a pose that counts as reached
-_HEARS = ("gripper", "interrupted", "not_reached", "safety_limits")  # faults after which it does
+_HEARS = (  # faults after which it does
+    *("compression", "gripper", "interrupted", "not_reached", "safety_limits"),
+)
 
 
 def serve(pipe: Connection, configuration: Configuration) -> None:
@@ -62,6 +65,8 @@ class _Driver:
         self._base_of_task = configuration.task_frame.transform
         self._task_of_base = np.linalg.inv(self._base_of_task)
         self._compression = Compression(configuration)
+        self._wrist = Watch(configuration.limits.compression_mm * 1e-3)
+        self._is_tared = False
         self._arm: Arm | None = None
         self._gripper: Gripper | None = None
         self._said_s = 0.0
@@ -130,6 +135,7 @@ class _Driver:
     def _tare(self) -> None:
         self._freedrive(False)
         self._come_to_rest()
+        self._is_tared = False  # what is read until it is done means nothing
         self._here.zero_force()
         readings = []
         until = self._here.time_s() + _TARE_S
@@ -137,6 +143,7 @@ class _Driver:
             self._look()
             readings.append(self._compression.latest)
         self._compression.tare(np.array(readings), _TARE_S / len(readings))
+        self._is_tared = True
 
     def _wait(self, seconds: float) -> None:
         until = self._here.time_s() + seconds
@@ -171,20 +178,20 @@ class _Driver:
         speed, stop_m_s2 = request.speed_m_s, settings.stop_mm_s2 * 1e-3
         self._freedrive(False)
         target = self._base_of_task @ _transform(request.pose)
-        limit = request.stop_at_compression_m
-        limit -= compression.allowance(speed, stop_m_s2, _LATENCY_S)
+        earlier = compression.allowance(speed, stop_m_s2, _LATENCY_S)
         started = self._measured()
         samples = _Samples()
         samples.take(started, compression.now)
-        floor = compression.now
-        is_reached = True
-        arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
+        toward = _toward_tip(started.pose, request.pose)
+        is_reached = self._wrist.begin(compression.now, toward, request.stop_at_compression_m)
+        if is_reached:
+            arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
+        else:
+            self._look()
         while arm.is_moving():
             self._look()
-            floor = min(floor, compression.now)
             samples.take_if_due(self._now(), compression.now)
-            # Where the wrist is pressed past the limit already, a motion may only relieve it.
-            if is_reached and compression.now > max(limit, floor + compression.margin):
+            if is_reached and self._wrist.ends(compression.now, compression.margin, earlier):
                 is_reached = False
                 arm.stop()
         self._come_to_rest(samples)
@@ -251,6 +258,8 @@ class _Driver:
     def _read(self) -> None:
         arm = self._here
         self._compression.read(arm.time_s(), arm.force(), arm.pose()[:3, :3])
+        if self._is_tared:
+            self._wrist.read(self._compression.now, self._compression.margin)
         if self._gripper is not None:
             self._gripper.poll()
 
@@ -293,6 +302,11 @@ class _Samples:
         self.peak_m = max(self.peak_m, compression_m)
         if at.time_s >= self.times_s[-1] + _SAMPLE_S - LOOK_S / 2:
             self.take(at, compression_m)
+
+
+def _toward_tip(start: Pose, end: Pose) -> float:
+    """How far the way to a pose goes along the wrist's axis there, toward the tip [m]."""
+    return float((start.position() - end.position()) @ end.rotation()[:, 2])
 
 
 def _transform(pose: Pose) -> Transform:
