@@ -235,7 +235,12 @@ def test_a_picture_that_is_named_often_is_decoded_once(
 ) -> None:
     reads: list[Path] = []
     read = pictures.read
-    monkeypatch.setattr(pictures, "read", lambda path: (reads.append(path), read(path))[1])
+
+    def noted(path: Path) -> object:
+        reads.append(path)
+        return read(path)
+
+    monkeypatch.setattr(pictures, "read", noted)
     store.load_trial(folder / TRIAL)
     assert len(reads) == len(set(reads))
 
