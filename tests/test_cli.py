@@ -160,15 +160,22 @@ def test_a_broken_recording_is_refused_before_anything_is_written(tmp_path: Path
 def test_running_again_after_a_change_keeps_what_was_run_before(tmp_path: Path) -> None:
     """Editing one's own reasoner and running it again is the most natural thing to do."""
     mine = tmp_path / "mine.py"
-    for text in ("first", "second"):
+    for text, folder in (("first", ""), ("second", f"{tmp_path}/")):
         mine.write_text(
             "from pliant.reasoners.controls import OpenLoop\n"
             f'class Mine(OpenLoop):\n    """{text}"""\n'
         )
-        ran = pliant("run", "--reasoner", "mine.py:Mine", "--no-video", cwd=tmp_path)
+        ran = pliant("run", "--reasoner", f"{folder}mine.py:Mine", "--no-video", cwd=tmp_path)
         assert ran.returncode in (0, 1), ran.stderr
     folders = sorted(p.name for p in (tmp_path / "runs").iterdir())
     assert folders == ["L0-circle-all-mine.py_Mine-1", "L0-circle-all-mine.py_Mine-1.2"]
+    last = tmp_path / "runs" / folders[-1]
+    for kept in ("trials.parquet", "executions.parquet"):
+        assert str(tmp_path) not in str(pq.read_table(last / kept).to_pylist()), kept
+    texts = [p for p in last.rglob("*") if p.suffix in (".json", ".jsonl", ".html")]
+    assert len(texts) == 4
+    for path in texts:
+        assert str(tmp_path) not in path.read_text(encoding="utf-8"), path
 
 
 def test_a_reader_that_has_seen_enough_gets_no_traceback(tmp_path: Path) -> None:

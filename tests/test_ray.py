@@ -1,6 +1,7 @@
 """Real trials on a real Ray cluster, one node of which is killed, end as on one machine.
 
-Its two nodes are on this machine, as `ray start` makes them, at loopback addresses of their own.
+Its two nodes are on this machine, as `ray start` makes them, at loopback addresses of their
+own, and were started in another folder than the driver, which names its files from its own.
 """
 
 import os
@@ -38,7 +39,12 @@ NODE = "PLIANT_TEST_NODE"  # in the environment of a node, and so of its workers
 
 def plan() -> Experiment:
     return from_fields(
-        {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules", "none"], "trials": 12}
+        {
+            "pegs": ["circle"],
+            "conditions": ["all"],
+            "reasoners": ["mine.py:Mine", "none"],
+            "trials": 12,
+        }
     )
 
 
@@ -63,14 +69,17 @@ def drive(address: str, folder: str) -> None:
 class Process:
     """A process and all it starts, which end with the context."""
 
-    def __init__(self, name: str, folder: Path, *command: str, **environment: str) -> None:
-        self._log = folder / f"{name}.log"
+    def __init__(
+        self, name: str, logs: Path, folder: Path, *command: str, **environment: str
+    ) -> None:
+        self._log = logs / f"{name}.log"
         with self._log.open("w") as log:
             self._process = subprocess.Popen(
                 command,
                 env={**os.environ, **environment},
                 stdout=log,
                 stderr=log,
+                cwd=folder,
                 start_new_session=True,
             )
 
@@ -106,7 +115,7 @@ def node(name: str, folder: Path, *options: str, **environment: str) -> Process:
     ray = str(Path(sys.executable).with_name("ray"))
     common = ("--num-cpus=1", "--object-store-memory=80000000", "--disable-usage-stats", "--block")
     environment |= {NODE: name}
-    started = Process(name, folder, ray, "start", *options, *common, **environment)
+    started = Process(name, folder, folder, ray, "start", *options, *common, **environment)
     try:
         return started.wait_until(lambda: "Ray runtime started" in started.said())
     except BaseException:
@@ -122,8 +131,12 @@ def ray_folder() -> Iterator[Path]:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def test_a_killed_node_loses_nothing_and_changes_nothing(tmp_path: Path, ray_folder: Path) -> None:
+def test_a_killed_node_loses_nothing_and_changes_nothing(
+    tmp_path: Path, ray_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     far, near = tmp_path / "far", tmp_path / "near"
+    (tmp_path / "mine.py").write_text("from pliant.reasoners.rules import Rules as Mine\n")
+    monkeypatch.chdir(tmp_path)
     with socket.create_server((HEAD, 0)) as free:
         port = free.getsockname()[1]
     address = f"{HEAD}:{port}"
@@ -135,11 +148,13 @@ def test_a_killed_node_loses_nothing_and_changes_nothing(tmp_path: Path, ray_fol
     head = ["--head", f"--node-ip-address={HEAD}", f"--port={port}"]
     head += [f"--temp-dir={ray_folder}", "--include-dashboard=false"]
     other = [f"--address={address}", f"--node-ip-address={OTHER}"]
-    code = f"from test_ray import drive; drive({address!r}, {str(far)!r})"
+    code = f"from test_ray import drive; drive({address!r}, {far.name!r})"
     with (
         node("first", ray_folder, *head, **environment),
         node("second", ray_folder, *other, **environment) as second,
-        Process("driver", ray_folder, sys.executable, "-c", code, **environment) as driver,
+        Process(
+            "driver", ray_folder, tmp_path, sys.executable, "-c", code, **environment
+        ) as driver,
     ):
         driver.wait_until(lambda: notes(far, "second") >= 2)
         second.kill()

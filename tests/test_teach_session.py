@@ -206,7 +206,7 @@ class Led(ScriptedRobot):
 
 
 def place_in(folder: Path) -> Place:
-    return Place(out=folder / "goals.yaml", cell="sim", peg="circle")
+    return Place(out=folder / "goals.yaml", cell=None, peg="circle")
 
 
 def run(
@@ -305,10 +305,10 @@ def test_a_draft_of_another_cell_or_peg_or_a_broken_one_is_refused(tmp_path: Pat
     teacher.press("enter")
     folder = tmp_path / "goals.draft"
     with pytest.raises(InputError, match="has peg 'circle', not 'square'"):
-        Draft(folder=folder, cell="sim", peg="square").load()
+        Draft(folder=folder, cell=None, peg="square").load()
     (folder / "0-approach.png").write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"cannot be used .* is no picture"):
-        Draft(folder=folder, cell="sim", peg="circle").load()
+        Draft(folder=folder, cell=None, peg="circle").load()
     (folder / "draft.yaml").write_text("[]")
     with pytest.raises(InputError, match="cannot be used"):
-        Draft(folder=folder, cell="sim", peg="circle").load()
+        Draft(folder=folder, cell=None, peg="circle").load()

@@ -10,6 +10,7 @@ import yaml
 
 from pliant.errors import InputError, unknown
 from pliant.levels import Level, load_level
+from pliant.paths import located
 
 Outline = tuple[tuple[float, float], ...]  # corners x, y [m]
 
@@ -248,6 +249,16 @@ def load_task(peg: str, level: str = "L0") -> Task:
     return on_level(_load_peg(peg), load_level(level))
 
 
+def located_peg(peg: str, folder: Path | None = None) -> str:
+    """A peg as `load_task` takes it, whatever the current folder is: a peg file's path is made
+    absolute, counting from `folder`. A shipped peg's name stays."""
+    return str(located(peg, folder)) if _is_file(peg) else peg
+
+
+def _is_file(peg: str) -> bool:
+    return peg not in shipped_pegs() and Path(peg).suffix in (".yaml", ".yml")
+
+
 def on_level(task: Task, level: Level) -> Task:
     """A task with the hole and the depth that a level asks for."""
     hole = task.hole
@@ -260,15 +271,15 @@ def _load_peg(peg: str) -> Task:
     if peg in shipped_pegs():
         text = (files("pliant") / "pegs" / f"{peg}.yaml").read_text()
         return _parse_peg(text, peg)
-    path = Path(peg)
-    if path.suffix not in (".yaml", ".yml"):
+    if not _is_file(peg):
         raise unknown("peg", peg, shipped_pegs(), "or the path of a peg file (.yaml)")
+    path = located(peg)
     try:
         text = path.read_text()
     except OSError as error:
-        raise InputError(f"peg file '{peg}' cannot be read: {error.strerror}") from error
+        raise InputError(f"peg file '{path}' cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"peg file '{peg}' is not text: it must be YAML in UTF-8") from error
+        raise InputError(f"peg file '{path}' is not text: it must be YAML in UTF-8") from error
     return _parse_peg(text, path.stem)
 
 

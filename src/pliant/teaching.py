@@ -20,8 +20,9 @@ from pliant.cell import Camera, View
 from pliant.envelope import Limits
 from pliant.errors import InputError, unknown
 from pliant.formations import Formation, Goals
+from pliant.paths import located, seen_from
 from pliant.pose import Axis, Partial, Pose
-from pliant.task import Task, load_task
+from pliant.task import Task, load_task, located_peg, shipped_pegs
 from pliant.vision.measure import SIMULATED, Colours, measure
 from pliant.vision.scene import Scene
 
@@ -30,7 +31,8 @@ SCHEMA = 1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """What was recorded when a goal was taught: the pose that was reached, the picture, the peg."""
+    """What was recorded when a goal was taught: the pose that was reached, the picture, the peg:
+    its name, or the absolute path of its file."""
 
     formation: Formation
     pose: Pose
@@ -69,13 +71,15 @@ def shipped() -> Teaching:
 
 
 def load(path: Path, limits: Limits | None = None, colours: Colours = SIMULATED) -> Teaching:
-    """Read taught goals. `colours` are those of their pictures.
+    """Read taught goals. `colours` are those of their pictures. A peg file and pictures that the
+    file names count from its folder.
 
     Raises:
         InputError: the file or a picture is missing or broken, or a goal is out of the workspace.
     """
     document = _document(path)
-    peg = str(document.get("peg", ""))
+    path = located(path)
+    peg = located_peg(str(document.get("peg", "")), path.parent)
     camera = _camera(document.get("camera"), path)
     entries = document.get("formations")
     if not isinstance(entries, dict):
@@ -134,10 +138,10 @@ def save(path: Path, teaching: Teaching) -> None:
             "pose": _report({axis: shown.pose[axis] for axis in Axis}),
             "picture": picture,
         }
-    camera = shown.view.camera
+    camera, is_shipped = shown.view.camera, shown.peg in shipped_pegs()
     document = {
         "schema": SCHEMA,
-        "peg": shown.peg,
+        "peg": shown.peg if is_shipped else seen_from(located(shown.peg), path.parent),
         "frame": "task",
         "camera": {
             "name": camera.name,

@@ -1,6 +1,7 @@
 """The command line: the only place that chooses a cell and a reasoner. One file per command."""
 
 import os
+import re
 import sys
 
 import tyro
@@ -16,6 +17,7 @@ from pliant.cli.tables import tables
 from pliant.cli.teach import teach
 from pliant.cli.view import view
 from pliant.errors import PliantError
+from pliant.paths import current_folder, shortened
 
 _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist."
 
@@ -23,6 +25,7 @@ _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist.
 def main() -> None:
     """Exit status: 0 inserted or done, 1 not inserted or not complete, 2 wrong usage."""
     try:
+        current_folder()  # what is started from one that is gone fails somewhere deep
         sys.exit(
             tyro.extras.subcommand_cli_from_dict(
                 {
@@ -38,15 +41,23 @@ def main() -> None:
                     "bench-reasoner": bench_reasoner,
                 },
                 prog="pliant",
+                args=[_expanded(word) for word in sys.argv[1:]],
                 description=_DESCRIPTION,
             )
         )
     except PliantError as error:
-        print(f"pliant: {error}", file=sys.stderr)
+        print(f"pliant: {shortened(str(error))}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:  # whoever reads, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except KeyboardInterrupt as stop:
-        print(": ".join(["pliant: interrupted", *map(str, stop.args)]), file=sys.stderr)
+        said = ": ".join(["pliant: interrupted", *map(str, stop.args)])
+        print(shortened(said), file=sys.stderr)
         sys.exit(130)
+
+
+def _expanded(word: str) -> str:
+    """A word with the home folder for `~`, which shells leave as it is in `--out=~/runs`."""
+    option, path = re.fullmatch(r"(--[\w-]+=)?(.*)", word, re.DOTALL).groups("")  # type: ignore[union-attr]
+    return option + os.path.expanduser(path)  # noqa: PTH111, a word need not be a path

@@ -18,7 +18,8 @@ from pliant.experiment.bench import coin, run, table
 from pliant.experiment.bench.cases import SHIPPED, Cases
 from pliant.experiment.bench.marks import Make, Mark
 from pliant.files import write_bytes
-from pliant.reasoners import VLM, reasoner, vlm
+from pliant.paths import located
+from pliant.reasoners import VLM, located_reasoner, reasoner, short_name, vlm
 from pliant.recovery import Reasoner
 
 _PLAIN_EVERY_S = 30.0
@@ -42,7 +43,8 @@ def bench_reasoner(
         out: also write all scores as JSON to this file.
         model: the model behind the reasoner vlm; recordings are a folder with a file per case.
     """
-    chosen = Cases(cases or SHIPPED)
+    out, model = None if out is None else located(out), model.placed()
+    chosen = Cases(SHIPPED if cases is None else located(cases))
     makers = _makers(reasoners, model)
     if out is not None:
         _check_writable(out)
@@ -63,7 +65,7 @@ def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
         option = given[0].replace("_", "-")
         raise InputError(f"--{option} is for a VLM, and no reasoner is one: add vlm to them")
     makers: dict[str, Make] = {}
-    for name in names:
+    for name in map(located_reasoner, names):
         if name == VLM:
             vlm(model.vlm, replay=_recording(model.replay, "0001"))
             makers[f"{VLM} ({model.vlm.model})" if model.vlm.model else VLM] = _vlm_for(model)
@@ -71,7 +73,10 @@ def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
             makers[name] = lambda case: coin.Coin()
         else:
             reasoner(name)
-            makers[name] = lambda case, name=name: reasoner(name)  # type: ignore[misc]
+            called = short_name(name)
+            if called in makers and called != name:
+                raise InputError(f"two reasoners are both named {called}: rename the file of one")
+            makers[called] = lambda case, name=name: reasoner(name)  # type: ignore[misc]
     return makers
 
 

@@ -23,6 +23,7 @@ from pliant.conditions import Setup
 from pliant.envelope import Guarded
 from pliant.errors import InputError, PliantError, RobotFault
 from pliant.experiment.where import Where
+from pliant.paths import shown
 from pliant.pose import angles_from
 from pliant.task import Task, load_task
 from pliant.vision.measure import Colours
@@ -257,7 +258,7 @@ class _Session:
             return
         for line in file.put(path, fields):
             self._say(f"  {line}")
-        self._say(f"  written to {path}")
+        self._say(f"  written to {shown(path)}")
 
     def _keep(self, name: str, image: Image) -> None:
         path = self._out / name

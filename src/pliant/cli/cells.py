@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pliant.cell import Workcell
 from pliant.experiment.where import Where
+from pliant.paths import located
 
 if TYPE_CHECKING:
     from pliant.ur5e.cell import Operator
@@ -18,7 +18,7 @@ def where(cell: str) -> Where:
     Raises:
         InputError: the file cannot be used.
     """
-    chosen = Where(file=None if cell == "sim" else Path(cell))
+    chosen = Where(file=None if cell == "sim" else located(cell))
     _ = chosen.configuration  # refuses before anything else is done
     return chosen
 

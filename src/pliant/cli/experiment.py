@@ -20,6 +20,7 @@ from pliant.experiment.plan import Experiment
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
 from pliant.experiment.work import Save
+from pliant.paths import located, shown
 
 
 def experiment(
@@ -47,6 +48,7 @@ def experiment(
 
     Args:
         file: an experiment file (YAML) with the same fields; options given here replace its own.
+            Files that it names are looked for from its folder.
         pegs: shipped pegs or peg files; default circle, or the level's.
         conditions: of none, friction, pose and all.
         reasoners: rules, messages, sweep, retry, none, oracle, vlm, or your own
@@ -69,6 +71,7 @@ def experiment(
         ranges: ranges in place of the conditions' own.
         model: the model behind the reasoner vlm.
     """
+    out, model = located(out), model.placed()
     given = {
         "pegs": pegs,
         "conditions": conditions and [ranges.applied_to(name) for name in conditions],
@@ -115,7 +118,7 @@ def experiment(
         return 1
     text = markdown(tables.write(out))
     console.print(text, markup=False, highlight=False, soft_wrap=True)
-    console.print(f"results: {out}", markup=False, highlight=False)
+    console.print(f"results: {shown(out)}", markup=False, highlight=False)
     return 0
 
 

@@ -7,6 +7,7 @@ import tyro
 from rich.console import Console
 
 from pliant.errors import InputError
+from pliant.paths import located, shown
 
 
 def export(
@@ -37,6 +38,9 @@ def export(
     from pliant.export.output import check_new
     from pliant.export.source import open_run
 
+    lerobot_out, failure_qa_out, rerun_out = (
+        None if path is None else located(path) for path in (lerobot_out, failure_qa_out, rerun_out)
+    )
     outputs = [path for path in (lerobot_out, failure_qa_out, rerun_out) if path is not None]
     if not outputs:
         raise InputError("nothing to export: give --lerobot, --failure-qa or --rerun with a path")
@@ -48,13 +52,15 @@ def export(
     console = Console(highlight=False, soft_wrap=True)
     if rerun_out is not None:
         recorded = recording.write(source, rerun_out, fps=fps)
-        console.print(f"rerun: {rerun_out}: {recorded}", markup=False)
+        console.print(f"rerun: {shown(rerun_out)}: {recorded}", markup=False)
     if failure_qa_out is not None:
         asked = failure_qa.write(source, failure_qa_out)
-        console.print(f"failure QA: {failure_qa_out}: {_in_words(asked)} questions", markup=False)
+        console.print(
+            f"failure QA: {shown(failure_qa_out)}: {_in_words(asked)} questions", markup=False
+        )
     if lerobot_out is not None:
         made_of = lerobot.write(source, lerobot_out, fps=fps, cameras=cameras, workers=workers)
-        console.print(f"LeRobot: {lerobot_out}: {_in_words(made_of)} episodes", markup=False)
+        console.print(f"LeRobot: {shown(lerobot_out)}: {_in_words(made_of)} episodes", markup=False)
     return 0
 
 

@@ -1,6 +1,6 @@
 """Options that choose a VLM and what it is told, the same for every command that reasons."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,6 +8,7 @@ import tyro
 
 from pliant.errors import InputError
 from pliant.experiment.plan import Experiment
+from pliant.paths import located
 from pliant.reasoners.vlm.settings import Settings
 
 _DEFAULT = Settings()
@@ -28,6 +29,11 @@ class ModelOptions:
         """The settings that differ from their defaults, as fields of an experiment."""
         default = asdict(_DEFAULT)
         return {k: v for k, v in asdict(self.vlm).items() if v != default[k]}
+
+    def placed(self) -> "ModelOptions":
+        """The same with absolute paths: a reasoner of one's own may change the current folder."""
+        record, replay = (p and located(p) for p in (self.record, self.replay))
+        return replace(self, record=record, replay=replay)
 
     def check(self, experiment: Experiment) -> None:
         """Raises InputError when options for a model are given and no reasoner asks one."""

@@ -26,6 +26,7 @@ from pliant.experiment import journal, plan, results, runner
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.plan import Experiment
 from pliant.experiment.rows import exchanges, rows_of
+from pliant.paths import located, shown
 from pliant.pose import describe
 from pliant.reasoners import vlm
 from pliant.records import Execution, Trial
@@ -79,6 +80,7 @@ def run(
         ranges: ranges in place of the condition's own.
         model: the model behind the reasoner vlm.
     """
+    out, model = None if out is None else located(out), model.placed()
     fields = {
         "pegs": peg,
         "conditions": [ranges.applied_to(condition)],
@@ -105,7 +107,7 @@ def run(
         return rehearse.air_run(experiment.where, spec.task, teaching)
     from pliant.report import trial as report
 
-    folder = out or _free_folder(experiment, Path("runs") / spec.trial_id)
+    folder = out or _free_folder(experiment, located("runs") / spec.trial_id)
     teller = _Teller(Console(stderr=json, highlight=False, soft_wrap=True))
     trajectory = None
     if is_simulated:
@@ -215,7 +217,7 @@ class _Teller:
     def begin(self, spec: Spec) -> None:
         self.say(
             f"{spec.task.peg.name} peg, condition {spec.condition.name}, seed {spec.seed},"
-            f" {spec.reasoner}"
+            f" {spec.reasoner_name}"
         )
 
     def tell(self, execution: Execution, truth: Truth) -> None:
@@ -263,4 +265,4 @@ class _Teller:
             f"{trial.end_reason}{fault}: {len(trial.executions)} executions, {moves} motions,"
             f" {trial.simulated_s:.1f} s of robot time, {trial.wall_s:.1f} s of yours"
         )
-        self.say(f"page: {page}")
+        self.say(f"page: {shown(page)}")

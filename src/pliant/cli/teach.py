@@ -11,7 +11,8 @@ from pliant.cell import Observation
 from pliant.cli.cells import opened, where
 from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
-from pliant.task import Task, load_task, shipped_pegs
+from pliant.paths import located, shown
+from pliant.task import Task, load_task, located_peg
 from pliant.vision.scene import Scene
 
 
@@ -37,18 +38,15 @@ def teach(
     from pliant.commissioning.terminal import check_terminal, single_keys
 
     task, chosen = load_task(peg), where(cell)
-    place = Place(
-        out=goals,
-        cell=cell if chosen.file is None else str(chosen.file.resolve()),
-        peg=peg if peg in shipped_pegs() else str(Path(peg).resolve()),
-    )
+    goals, picture = located(goals), None if picture is None else located(picture)
+    place = Place(out=goals, cell=chosen.file, peg=located_peg(peg))
     place.check()
     check_terminal()
     given = chosen.configuration
     speed = CONTACT_SPEED if given is None else given.limits.contact_speed_mm_s * 1e-3
     console = Console(highlight=False, soft_wrap=True)
     named = cell if chosen.file is None else chosen.file.name
-    title = f"pliant teach: {task.peg.name} peg, cell {named}, for {goals}"
+    title = f"pliant teach: {task.peg.name} peg, cell {named}, for {shown(goals)}"
     status = 1
     try:
         with opened(chosen, AtTerminal(console)) as workcell:
@@ -65,7 +63,7 @@ def teach(
                 with Live(console=console, screen=True, auto_refresh=False) as live:
                     is_written = go_on(teacher, keys, _shower(live, title, task, picture))
         if is_written:
-            console.print(f"goals: {goals}", markup=False)
+            console.print(f"goals: {shown(goals)}", markup=False)
             return 0
     except RobotFault as fault:
         console.print(f"{fault.end_reason}: {fault}", markup=False)

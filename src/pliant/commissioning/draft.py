@@ -14,7 +14,9 @@ from pliant.cell import Camera, View
 from pliant.commissioning.session import Record
 from pliant.errors import InputError
 from pliant.formations import Formation
+from pliant.paths import located, seen_from
 from pliant.pose import Axis, Pose
+from pliant.task import shipped_pegs
 
 SCHEMA = 1
 _FILE = "draft.yaml"
@@ -22,11 +24,22 @@ _FILE = "draft.yaml"
 
 @dataclass(frozen=True, kw_only=True)
 class Draft:
-    """A folder beside the goals file to be: YAML and a picture per record, lengths in metres."""
+    """A folder beside the goals file to be: YAML and a picture per record, lengths in metres. Files
+    that it names count from the goals file's folder, so that all can be moved together."""
 
     folder: Path
-    cell: str
+    cell: Path | None
     peg: str
+
+    @property
+    def _made_with(self) -> dict[str, str]:
+        """The cell and the peg as the draft names them."""
+        beside = located(self.folder).parent
+        is_shipped = self.peg in shipped_pegs()
+        return {
+            "cell": "sim" if self.cell is None else seen_from(located(self.cell), beside),
+            "peg": self.peg if is_shipped else seen_from(located(self.peg), beside),
+        }
 
     def load(self) -> tuple[Record, ...]:
         """What was recorded, oldest first; nothing if there is no draft.
@@ -41,7 +54,7 @@ class Draft:
             document = yaml.safe_load(path.read_text())
             if document["schema"] != SCHEMA:
                 raise ValueError(f"its schema is not {SCHEMA}")
-            for name, mine in (("cell", self.cell), ("peg", self.peg)):
+            for name, mine in self._made_with.items():
                 if document[name] != mine:
                     raise InputError(
                         f"the draft '{self.folder}' has {name} '{document[name]}', not '{mine}': go"
@@ -68,8 +81,7 @@ class Draft:
             entries = [self._entry(index, record) for index, record in enumerate(log)]
             document = {
                 "schema": SCHEMA,
-                "cell": self.cell,
-                "peg": self.peg,
+                **self._made_with,
                 "records": entries,
             }
             partial = path.with_suffix(".part")

@@ -54,7 +54,7 @@ class Place:
     """What is taught, and where it goes: the goals file, and the draft beside it."""
 
     out: Path
-    cell: str
+    cell: Path | None  # its file; None: the simulated one
     peg: str
 
     @property

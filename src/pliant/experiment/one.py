@@ -14,7 +14,7 @@ from pliant.errors import RobotFault
 from pliant.experiment.misread import Misreading
 from pliant.experiment.oracle import NAME, Oracle
 from pliant.levels import EDGES, load_level
-from pliant.reasoners import reasoner, vlm
+from pliant.reasoners import reasoner, short_name, vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
@@ -31,8 +31,9 @@ INTERRUPTED = "fault:interrupted"
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`; with
-    `vlm` it is what this model with these settings is called. `skills` is a name of `skills`."""
+    """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`, a
+    user's file with its folder; with `vlm` it is what this model with these settings is called.
+    `skills` is a name of `skills`."""
 
     task: Task
     condition: Condition
@@ -42,8 +43,18 @@ class Spec:
     skills: str = PLANAR
 
     @property
+    def reasoner_name(self) -> str:
+        """The reasoner as results name it: a user's file without its folder."""
+        return self.reasoner if self.vlm is not None else short_name(self.reasoner)
+
+    @property
+    def names(self) -> tuple[str, str, str, str]:
+        """(level, peg, condition, reasoner), as in the result's columns."""
+        return self.task.level, self.task.peg.name, self.condition.name, self.reasoner_name
+
+    @property
     def trial_id(self) -> str:
-        names = (self.task.level, self.task.peg.name, self.condition.name, self.reasoner, self.seed)
+        names = (*self.names, self.seed)
         return "-".join(_file_name(str(n)) for n in names)
 
 
@@ -112,7 +123,7 @@ def perform(
         task=spec.task,
         condition=spec.condition.name,
         seed=spec.seed,
-        reasoner=spec.reasoner,
+        reasoner=spec.reasoner_name,
         model=getattr(mind, "model", None),
         goals=teaching.goals,
         executions=tuple(history),

@@ -11,7 +11,8 @@ where the cross product does not do, a list of cells:
     - {peg: circle, condition: all, reasoner: [vlm, {name: no picture, picture: false}]}
     vlm: {model: "openai:gpt-4o"}
 
-`vlm` holds the settings of every VLM in the file; one with a name of its own changes some.
+`vlm` holds the settings of every VLM in the file; one with a name of its own changes some. Files
+that it names, pegs, reasoners and goals, are looked for from its own folder.
 """
 
 import hashlib
@@ -35,13 +36,14 @@ from pliant.experiment.one import Spec
 from pliant.experiment.where import Where
 from pliant.formations import Formation
 from pliant.levels import FIELDS, load_level
-from pliant.reasoners import REASONERS, VLM, reasoner
+from pliant.paths import located
+from pliant.reasoners import REASONERS, VLM, located_reasoner, own_file, reasoner
 from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import SCHEMA
 from pliant.skills import PLANAR, kind_of
-from pliant.task import Task, load_task
+from pliant.task import Task, load_task, located_peg
 from pliant.teaching import Teaching
 
 MOST_TRIALS = 1_000_000
@@ -70,7 +72,7 @@ class Cell:
     @property
     def names(self) -> tuple[str, str, str, str]:
         """(level, peg, condition, reasoner), as in the result's columns."""
-        return self.task.level, self.task.peg.name, self.condition.name, self.reasoner
+        return self.spec(0).names
 
     def spec(self, seed: int) -> Spec:
         return Spec(
@@ -153,7 +155,7 @@ class Experiment:
                 {
                     "task": asdict(c.task),
                     "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
-                    "reasoner": c.reasoner,
+                    "reasoner": c.names[-1],
                     "reasoner_file": _reasoner_file(c.reasoner),
                     "vlm": None if c.vlm is None else asdict(c.vlm),
                     "skills": c.skills,
@@ -199,15 +201,18 @@ def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
     if not isinstance(data, dict):
         raise InputError(f"experiment file '{path}' holds no fields; valid: {', '.join(_FIELDS)}")
     try:
-        return from_fields(data, overrides)
+        return from_fields(data, overrides, located(path).parent)
     except InputError as error:
         raise InputError(f"experiment file '{path}': {error}") from error
 
 
 def from_fields(
-    fields: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
+    fields: Mapping[str, Any],
+    overrides: Mapping[str, Any] | None = None,
+    folder: Path | None = None,
 ) -> Experiment:
-    """Build an experiment from the fields of an experiment file.
+    """Build an experiment from the fields of an experiment file. Relative paths in `fields` count
+    from `folder`, or without it from the current folder, as those in `overrides` do.
 
     Cells are the cross product of `pegs`, `conditions` and `reasoners`, then those under `cells`;
     a cell that occurs twice counts once. A condition is a name or a mapping with a name and ranges;
@@ -221,6 +226,7 @@ def from_fields(
     for name in (*given, *replaced):
         if name not in _FIELDS:
             raise unknown("field", name, _FIELDS)
+    given, replaced = _located(given, folder), _located(replaced, None)
     blocks = _listed_cells(given)
     if any(name in given for name in _BLOCK) or not blocks:
         blocks.insert(0, {single: given[many] for many, single in _BLOCK.items() if many in given})
@@ -243,6 +249,26 @@ def from_fields(
         first_seed=options.get("first_seed", 1),
         goals=goals,
     )
+
+
+def _located(fields: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
+    """The fields with every path in them absolute. What is no name is left, to be refused."""
+    makers = {"peg": located_peg, "reasoner": located_reasoner}
+    makers |= {many: makers[single] for many, single in _BLOCK.items() if single in makers}
+
+    def place(name: str, value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [place(name, entry) for entry in value]
+        return makers[name](value, folder) if isinstance(value, str) else value
+
+    result = {k: place(k, v) if k in makers else v for k, v in fields.items()}
+    if isinstance(cells := fields.get("cells"), list):
+        result["cells"] = [
+            _located(block, folder) if isinstance(block, dict) else block for block in cells
+        ]
+    if isinstance(goals := fields.get("goals"), str):
+        result["goals"] = str(located(goals, folder))
+    return result
 
 
 def _listed_cells(given: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -358,14 +384,15 @@ def _digest(*parts: bytes) -> str:
 
 def _reasoner_file(name: str) -> str | None:
     """Content hash of a user's reasoner file; what that file imports is not followed."""
-    path, colon, _ = name.rpartition(":")
-    return _digest(Path(path).read_bytes()) if colon and Path(path).is_file() else None
+    own = own_file(name)
+    return _digest(own[0].read_bytes()) if own is not None and own[0].is_file() else None
 
 
 def _goals_digest(taught: Teaching) -> str:
     goals = {f: {a: float(v) for a, v in g.items()} for f, g in taught.goals.formations.items()}
+    peg = asdict(load_task(next(iter(taught.demonstrations.values())).peg))
     pictures = (taught.demonstrations[f].view.image.tobytes() for f in Formation)
-    return _digest(json.dumps(goals, sort_keys=True).encode(), *pictures)
+    return _digest(json.dumps([goals, peg], sort_keys=True).encode(), *pictures)
 
 
 @lru_cache(maxsize=1)

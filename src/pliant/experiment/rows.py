@@ -91,7 +91,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") 
             "peg": spec.task.peg.name,
             "skills": spec.skills,
             "condition": spec.condition.name,
-            "reasoner": spec.reasoner,
+            "reasoner": spec.reasoner_name,
             "model": None if spec.vlm is None else spec.vlm.model,
             "seed": spec.seed,
             "judged": False,

@@ -22,6 +22,7 @@ from pliant.experiment.plan import Experiment, differences
 from pliant.experiment.progress import Silent, Watcher
 from pliant.experiment.rows import Rows, lost
 from pliant.experiment.work import Job, Save, perform_job
+from pliant.paths import located
 
 TRIES = 3
 LOST = ("worker", "timeout")  # problems that another try may not have
@@ -77,6 +78,9 @@ def run(
         raise InputError(f"the time limit is {time_limit_s:g} s: it must be above 0")
     if replay is None:
         experiment.check_models()
+    folder = located(folder)  # a worker's current folder may be another
+    record, replay = (None if path is None else located(path) for path in (record, replay))
+    goals = None if experiment.goals is None else str(located(experiment.goals))
     prepare(experiment, folder)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
@@ -92,7 +96,7 @@ def run(
         jobs = (
             Job(
                 spec=spec,
-                goals=experiment.goals,
+                goals=goals,
                 folder=folder,
                 save=save,
                 record=record,
@@ -134,7 +138,7 @@ def prepare(experiment: Experiment, folder: Path) -> None:
         store.write_run_json(
             folder,
             configuration=document,
-            reasoner=", ".join(dict.fromkeys(c.reasoner for c in experiment.cells)),
+            reasoner=", ".join(dict.fromkeys(c.names[-1] for c in experiment.cells)),
             model=", ".join(dict.fromkeys(experiment.models)) or None,
         )
         return

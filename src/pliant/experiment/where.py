@@ -78,6 +78,9 @@ class Where:
         if self.configuration is None:
             return {"kind": self.kind, "configuration": None}
         content = self.configuration.model_dump(mode="json", exclude={"goals"})
+        camera = self.configuration.camera
+        if camera.source is ur5e.Source.FILE:
+            content["camera"]["where"] = Path(camera.where).name  # its folder decides nothing
         text = json.dumps(content, sort_keys=True)
         return {"kind": self.kind, "configuration": hashlib.sha256(text.encode()).hexdigest()}
 

@@ -32,8 +32,9 @@ class Save(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One trial for a worker: `goals` as in the experiment, `folder` the run's. `record` and
-    `replay` are folders with one recording per trial."""
+    """One trial for a worker, which may be anywhere: every path is absolute. `goals` as in the
+    experiment, `folder` the run's. `record` and `replay` are folders with one recording per
+    trial."""
 
     spec: Spec
     goals: str | None
