@@ -13,7 +13,9 @@ from stand_ins import (
     goal_step,
     outcome_of,
     recovery_of,
+    scene_of,
     step_to,
+    verdict_of,
 )
 
 from pliant.belief import Belief
@@ -22,6 +24,8 @@ from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
 from pliant.pose import Axis
+from pliant.reasoners.controls import Messages, Retry, Sweep
+from pliant.reasoners.rules import Rules
 from pliant.records import Admission, Case, Look
 from pliant.recovery import admit
 from pliant.skills.planar import Planar
@@ -205,18 +209,94 @@ def test_reach_is_counted_from_the_goal_in_force_not_from_the_taught_one() -> No
 # --- after a compression stop ------------------------------------------------------------------
 
 
+def stopped(
+    formation: Formation,
+    *,
+    compression_m: float = 0.0203,
+    z: float | None = None,
+    skills: str = "planar",
+) -> Case:
+    """Stopped by compression, and standing there, at the taught goal or at height `z` [m]."""
+    outcome = outcome_of(formation, stop=Stop.COMPRESSION)
+    look = outcome.looks[-1]
+    pose = outcome.target if z is None else outcome.target.updated({Axis.Z: z})
+    seen = replace(look.observation, pose=pose, compression_m=compression_m)
+    outcome = replace(outcome, looks=(replace(look, observation=seen),))
+    return replace(case_after(outcome), skills=skills)
+
+
 def stopped_insertion() -> Case:
-    return case_after(outcome_of(INSERTION, stop=Stop.COMPRESSION))
+    return stopped(INSERTION)
+
+
+PRESSES_ON = "presses on after a compression stop: retreat, or unload the wrist first"
+
+
+@pytest.mark.parametrize("after", [FIT, ALIGN, INSERTION])
+@pytest.mark.parametrize("planned", [FIT, ALIGN, INSERTION])
+def test_after_a_compression_stop_a_plan_must_not_begin_by_pressing_on(
+    after: Formation, planned: Formation
+) -> None:
+    result = admitted(goal_step(planned), case=stopped(after))
+    if after is INSERTION and planned is not INSERTION:  # their goals are higher: they unload
+        assert result.steps == (goal_step(planned),)
+    else:
+        assert result.refusals == (f"{planned}: {PRESSES_ON}",)
+    assert admitted(goal_step(planned, retreat=True), case=stopped(after)).steps
+
+
+@pytest.mark.parametrize("higher", [0.0005, 0.0015, 0.0025, 0.008])
+def test_what_rises_by_two_millimetres_unloads(higher: float) -> None:
+    here = shipped().goals.target(INSERTION).z + 0.004
+    case = stopped(INSERTION, z=here)
+    again = step_to(INSERTION, {Axis.Z: here + higher})
+    assert bool(admitted(again, case=case).steps) is (higher > 0.002)
+
+
+def test_contact_cannot_be_planned_after_a_stop_or_ever() -> None:
+    refusals = admitted(goal_step(Formation.CONTACT), case=stopped(Formation.CONTACT)).refusals
+    assert refusals == ("contact: a plan may hold fit, align, insertion only",)
+
+
+def test_a_stretched_wrist_is_not_stretched_on_by_a_retreat() -> None:
+    here = shipped().goals.target(FIT).z + 0.015
+    case = stopped(FIT, compression_m=-0.0204, z=here)
+    assert admitted(goal_step(FIT, retreat=True), case=case).refusals
+    assert admitted(goal_step(FIT), case=case).steps
+
+
+def test_guided_skills_unload_by_themselves_unless_they_push() -> None:
+    for formation in (FIT, ALIGN):
+        assert admitted(goal_step(formation), case=stopped(formation, skills="guided")).steps
+    case = stopped(INSERTION, skills="guided")
+    assert admitted(goal_step(INSERTION), case=case).refusals == (f"insertion: {PRESSES_ON}",)
+    assert admitted(goal_step(ALIGN), goal_step(INSERTION), case=case).refusals == ()
+
+
+@pytest.mark.parametrize("reasoner", [Rules(), Messages(), Retry(), Sweep()])
+@pytest.mark.parametrize("after", [FIT, ALIGN, INSERTION])
+def test_no_reasoner_plans_to_press_on(reasoner: Rules, after: Formation) -> None:
+    case = stopped(after)
+    for tip_y, tip_z in ((0.0, 0.0), (-0.01, -0.004), (0.01, 0.0), (-0.04, 0.0)):
+        scene = scene_of(tip_y=tip_y, tip_z=tip_z, tilt_deg=5.0)
+        look = replace(case.outcome.looks[-1], scene=scene)
+        shown = replace(case, outcome=replace(case.outcome, looks=(look,)))
+        plan = reasoner.recover(shown, verdict_of(False))
+        assert plan is not None
+        assert plan.steps
+        assert admit(plan, shown, LIMITS).refusals == ()
 
 
 def test_no_deeper_insertion_after_a_compression_stop() -> None:
-    result = admitted(goal_step(INSERTION, -0.004), case=stopped_insertion())
+    plan = (goal_step(ALIGN), goal_step(INSERTION, -0.004))
+    result = admitted(*plan, case=stopped_insertion())
     assert result.refusals == ("insertion: no deeper after a compression stop unless y changes",)
 
 
-def test_pushing_as_deep_again_or_less_is_allowed_after_a_compression_stop() -> None:
-    assert admitted(goal_step(INSERTION), case=stopped_insertion()).steps
-    assert admitted(goal_step(INSERTION, 0.005), case=stopped_insertion()).steps
+def test_pushing_as_deep_again_or_less_is_allowed_once_the_wrist_was_unloaded() -> None:
+    for deeper in (0.0, 0.005):
+        plan = (goal_step(ALIGN), goal_step(INSERTION, deeper))
+        assert admitted(*plan, case=stopped_insertion()).steps == plan
 
 
 def test_realigning_to_the_same_place_does_not_allow_a_deeper_insertion() -> None:
@@ -245,9 +325,8 @@ def test_hidden_behind_any_depth_an_unchanged_y_stays_unchanged(z: float, y: flo
 
 
 def test_a_stop_is_remembered_over_a_failed_align_at_the_same_place() -> None:
-    stopped = stopped_insertion()
     case = case_after(outcome_of(ALIGN))
-    from_before = replace(case, history=(executed(stopped),))
+    from_before = replace(case, history=(executed(stopped_insertion()),))
     assert not any(
         s.formation is INSERTION
         for s in admitted(goal_step(ALIGN), goal_step(INSERTION, -0.004), case=from_before).steps

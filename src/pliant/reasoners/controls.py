@@ -1,12 +1,13 @@
 """Controls: reasoners that share the rules' judge, to show what recovery, and reading the evidence,
 are worth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pliant.formations import Formation, Step
 from pliant.pose import Axis
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, FailureAnalysis, Recovery, Verdict
+from pliant.recovery import presses_on
 
 _SWEEP_M = (0.0, -0.005, 0.005, -0.010, 0.010, -0.015, 0.015, -0.020, 0.020)  # around the taught
 _STEP_M = 0.009  # of `messages`: Table I gives a direction and no size
@@ -48,7 +49,8 @@ class Sweep(Rules):
 
 @dataclass(frozen=True)
 class Messages(Rules):
-    """Plan from Table I's words alone, by a fixed step; at Insertion repeat Align."""
+    """Plan from Table I's words alone, by a fixed step; at Insertion repeat Align. It retreats
+    where it would press on after a compression stop."""
 
     name: str = "messages"
 
@@ -63,6 +65,8 @@ class Messages(Rules):
             steps.insert(1, case.goals.step(Formation.ALIGN))
         y = case.goals.formations[start][Axis.Y] + shift
         steps[0] = Step(formation=start, goal={Axis.Y: y})
+        if presses_on(steps[0], case):
+            steps[0] = replace(steps[0], retreat=True)
         analysis = FailureAnalysis(
             what=words or verdict.reason,
             why="not asked",

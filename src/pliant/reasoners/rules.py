@@ -8,7 +8,7 @@ Fit travels toward -y: "further" means more negative. Everything here is in the 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pliant.cell import Stop
 from pliant.checks import half_hole, low_corner, near_rim
@@ -16,6 +16,7 @@ from pliant.formations import Formation, Step
 from pliant.pose import Axis, describe
 from pliant.reasoners import guided
 from pliant.records import Case, Check, FailureAnalysis, Outcome, Recovery, Verdict
+from pliant.recovery import presses_on
 from pliant.vision.scene import PegSeen
 
 _CLEAR_RIM = 0.003  # [m] further than where the trailing corner would just drop in
@@ -200,6 +201,9 @@ class Rules:
             Step(formation=Formation.INSERTION, goal={Axis.Z: z}),
         )[start.order - Formation.FIT.order :]
         first = steps[0]
+        if presses_on(first, case):
+            first = replace(first, retreat=True)
+            steps, how = (first, *steps[1:]), f"lift, since the wrist gave way, and {how}"
         axis = next(iter(first.goal))
         motion = {axis: first.goal[axis] - goals.formations[start][axis]}
         analysis = FailureAnalysis(
