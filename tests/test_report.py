@@ -108,6 +108,16 @@ def test_the_page_needs_no_network_and_every_picture_is_there_and_described(fold
         assert (folder / str(picture["src"])).is_file()
 
 
+def test_the_page_says_which_executions_changed_nothing(trial: Trial, tmp_path: Path) -> None:
+    fit = trial.executions[2]
+    again = tuple(replace(fit, index=n) for n in (2, 3, 4))
+    write(tmp_path, replace(trial, executions=(*trial.executions[:2], *again)), shipped())
+    html = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "5, of which 2 repeated a state" in html
+    assert html.count("As execution 3: nothing changed (2nd time)") == 1
+    assert html.count(", as execution 3: nothing changed (3rd time). Go there.") == 1
+
+
 def test_a_trial_that_failed_before_its_first_execution_has_a_page(
     trial: Trial, tmp_path: Path
 ) -> None:

@@ -5,7 +5,7 @@ import math
 import os
 import sys
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,6 +30,7 @@ from pliant.paths import located, shown
 from pliant.pose import describe
 from pliant.reasoners import vlm
 from pliant.records import Execution, Trial
+from pliant.repeats import of_which, repeats
 
 if TYPE_CHECKING:
     from pliant.sim.cell import SimCell, Trajectory
@@ -210,6 +211,7 @@ class _Teller:
     """Says what happens, a line per skill, and what was thought about a failure."""
 
     console: Console
+    told: list[Execution] = field(default_factory=list)
 
     def say(self, text: str) -> None:
         self.console.print(Text(text))
@@ -231,6 +233,9 @@ class _Teller:
         line.append(f" ({verdict.reason})")
         if verdict.conflict:
             line.append(f"; {verdict.conflict}")
+        self.told.append(execution)
+        if (repeat := repeats(self.told)[-1]) is not None:
+            line.append(f"; {repeat}")
         self.console.print(line)
         if execution.recovery is not None:
             analysis = execution.recovery.analysis
@@ -261,8 +266,9 @@ class _Teller:
         line = Text("inserted" if inserted else "not inserted", style="bold")
         line.append(f" ({by})", style="not bold")
         self.console.print(line)
+        executions = f"{len(trial.executions)} executions{of_which(trial.executions)}"
         self.say(
-            f"{trial.end_reason}{fault}: {len(trial.executions)} executions, {moves} motions,"
+            f"{trial.end_reason}{fault}: {executions}, {moves} motions,"
             f" {trial.simulated_s:.1f} s of robot time, {trial.wall_s:.1f} s of yours"
         )
         self.say(f"page: {shown(page)}")

@@ -8,6 +8,7 @@ from pliant.cell import Stop, Truth
 from pliant.formations import OWNED
 from pliant.pose import Axis
 from pliant.records import Aborted, Check, Evidence, Execution, Verdict
+from pliant.repeats import repeats
 from pliant.report import words
 from pliant.report.html import Html, join, tag
 from pliant.report.parts import badge, facts, notice, outcome, section, table, truth_box
@@ -40,6 +41,7 @@ def card(
     """The card of execution `index`, of a trial whose pictures lie in `pictures`."""
     execution = executions[index]
     name, number = str(execution.formation).capitalize(), execution.index + 1
+    repeat = repeats(executions[: index + 1])[-1]
     return tag(
         "article",
         tag(
@@ -48,6 +50,7 @@ def card(
             badge(outcome(execution.verdict.success), execution.verdict.success),
             _video_button(execution.index) if media.filmed else Html(""),
         ),
+        Html("") if repeat is None else notice(str(repeat).capitalize()),
         _pictures(execution, media),
         tag(
             "div",

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from pliant.conditions import NOMINAL, PAPER_RANGES
 from pliant.records import Recovery, Trial, Verdict
+from pliant.repeats import of_which
 from pliant.report import timeline, words
 from pliant.report.card import Media, aborted, card
 from pliant.report.document import document
@@ -58,7 +59,7 @@ def _headline(trial: Trial, title: str) -> Html:
         ("inserted (truth)", words.yes_no(trial.inserted)),
         ("end reason", trial.end_reason),
         ("reasoner", reasoner),
-        ("executions", str(len(trial.executions))),
+        ("executions", f"{len(trial.executions)}{of_which(trial.executions)}"),
         ("simulated time", f"{words.number(trial.simulated_s)} s"),
         ("task level", trial.task.level),
         ("trial", trial.trial_id),

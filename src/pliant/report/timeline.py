@@ -10,6 +10,7 @@ from pliant.envelope import Limits
 from pliant.formations import OWNED
 from pliant.pose import Axis
 from pliant.records import Execution, Trial
+from pliant.repeats import repeats
 from pliant.report import words
 from pliant.report.html import Html, join, tag
 from pliant.report.parts import outcome
@@ -24,20 +25,24 @@ _LEAST_WIDTH = 2.2  # [em] of an execution's button
 def bar(trial: Trial, spans: Sequence[Span] | None) -> Html:
     """The executions side by side, each as wide as it is long, to choose from."""
     buttons = []
-    for execution, (begins, ends) in zip(trial.executions, times(trial), strict=True):
+    for execution, repeat, (begins, ends) in zip(
+        trial.executions, repeats(trial.executions), times(trial), strict=True
+    ):
         name, success = str(execution.formation).capitalize(), execution.verdict.success
         number = execution.index + 1
         span = spans[execution.index] if spans else None
+        again = "" if repeat is None else f", {repeat}"
         length = span.ends - span.begins if span else ends - begins
         button = tag(
             "button",
             tag("span", "✓" if success else "✗", aria_hidden="true"),
             f" {number} {name}",
+            "" if repeat is None else tag("span", " ↻", aria_hidden="true"),
             type="button",
             class_=outcome(success),
             data_execution=str(execution.index),
-            title=f"{number} {name}: {outcome(success)}, {begins:.1f} to {ends:.1f} s",
-            aria_label=f"Execution {number}, {name}: {outcome(success)}. Go there.",
+            title=f"{number} {name}: {outcome(success)}, {begins:.1f} to {ends:.1f} s{again}",
+            aria_label=f"Execution {number}, {name}: {outcome(success)}{again}. Go there.",
         )
         style = f"flex: {max(length, 0.1):.2f} 0 {_LEAST_WIDTH}em"
         buttons.append(tag("li", button, style=style))
