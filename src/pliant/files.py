@@ -14,13 +14,14 @@ import math
 import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from pliant import folders
 from pliant.errors import InputError
@@ -68,6 +69,14 @@ class Document:
         where = f", line {self.marks[place].line}" if place else ""
         return InputError(f"{self.what}{where}: {message}")
 
+    @contextmanager
+    def at(self, place: Place) -> Iterator[None]:
+        """Raises an InputError from within as one about the value at `place`."""
+        try:
+            yield
+        except InputError as error:
+            raise self.error(place, str(error)) from error
+
     def written(self, place: Place) -> str:
         """A value as it is written, in few words."""
         mark = self.marks.get(place)
@@ -97,12 +106,9 @@ class Document:
         try:
             return adapter.validate_json(json.dumps(self.value), strict=True)
         except ValidationError as error:
-            raise self.problem(error) from error
-
-    def problem(self, error: ValidationError) -> InputError:
-        """The first finding of a validation, in one line: file, line, value, what is valid."""
-        found = error.errors(include_url=False)[0]
-        return self.error(*_finding(found, self))
+            findings = error.errors(include_url=False)
+            found = min(findings, key=lambda f: f["type"] != "extra_forbidden")  # a misspelt name
+            raise self.error(*_finding(found, self, adapter)) from error
 
     @property
     def also(self) -> str:
@@ -113,17 +119,6 @@ class Fields(BaseModel):
     """A section of a file that a person writes: frozen, and with no other fields than its own."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known(cls, data: Any) -> Any:
-        if isinstance(data, dict):
-            for name in data:
-                if name not in cls.model_fields:
-                    text = f"there is no field '{name}'{did_you_mean(name, cls.model_fields)}"
-                    # a custom error's text may hold no braces of its own
-                    raise PydanticCustomError("no_field", "{text}", {"text": text, "name": name})
-        return data
 
 
 def did_you_mean(name: object, valid: Iterable[object]) -> str:
@@ -285,12 +280,14 @@ class _Builder:
             raise self._refused(
                 event, f"a text holds the character U+{ord(found[0]):04X}: remove it"
             )
-        if event.style:
+        if event.style or not place:  # a whole file of one text is no fields to anyone
             return text
+        name = _spoken(place)
+        if not text:
+            raise self._refused(event, f"{name} is empty: write null, or remove it")
         try:
             return plain_scalar(text)
         except ValueError as error:
-            name = _spoken(place) or "it"
             raise self._refused(event, f"{name} is {shortened(text)}: {error}") from error
 
     def _mark(self, event: Any) -> Mark:
@@ -336,7 +333,7 @@ def _plainly(error: yaml.MarkedYAMLError, line: list[str]) -> str:
 
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 _NUMBER = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
-_WORDS: dict[str, bool | None] = dict.fromkeys(("", "~", "null", "Null", "NULL"))
+_WORDS: dict[str, bool | None] = dict.fromkeys(("~", "null", "Null", "NULL"))
 _WORDS |= dict.fromkeys(("true", "True", "TRUE"), True)
 _WORDS |= dict.fromkeys(("false", "False", "FALSE"), False)
 _ODD_SPACE = re.compile("[\x85\xa0\u1680\u2000-\u200f\u2028-\u202f\u205f\u2060\u3000\ufeff]")
@@ -372,11 +369,13 @@ def plain_scalar(text: str) -> Any:
 
 
 def _instead(number: Callable[[str], object]) -> Callable[[str], str]:
-    """Advice for what some take for a number and others do not."""
+    """Advice for what some take for a number and others do not. What is long is a name."""
 
     def advice(text: str) -> str:
         if len(text) > MOST_DIGITS:
             return 'some readers take it for a number: quote it, "..."'
+        if len(text) > 8 and text.isdecimal():
+            return f'some readers take it for another number: quote it, "{text}"'
         return (
             f"not every reader takes it for the same: write {number(text)} for a number, or quote"
             f' it, "{text}"'
@@ -420,18 +419,35 @@ _DOUBTFUL: tuple[tuple[str, Callable[[str], str]], ...] = (
 )
 
 
-def _finding(found: ErrorDetails, document: Document) -> tuple[Place, str]:
+_OURS = (
+    ("Input should be ", "it must be "),
+    ("a valid number", "a number"),
+    ("a valid integer", "a whole number"),
+    (" after validation", ""),
+    ("Tuple should", "it should"),
+    ("List should", "it should"),
+)
+"""Pydantic's words, and what they mean to whoever wrote a file."""
+
+
+def _finding(
+    found: ErrorDetails, document: Document, adapter: TypeAdapter[Any]
+) -> tuple[Place, str]:
     """Where a validation's finding is, and what it says: field, value as written, what is valid."""
     place = _place(found, document.value)
     where, context = _spoken(place), found.get("ctx", {})
     what = found["msg"].removeprefix("Value error, ")
-    what = what.replace("Input should be ", "it must be ")
+    for theirs, ours in _OURS:
+        what = what.replace(theirs, ours)
     match found["type"]:
+        case "missing" if isinstance(place[-1], int):
+            value, number = document.written(place[:-1]), place[-1] + 1
+            return place, f"{_spoken(place[:-1])} is {value}: item {number} is missing"
         case "missing":
             return place, f"{where} is missing{document.also}"
-        case "no_field":
-            field = str(context["name"])
-            return (*place, field), f"{where}: {what}" if where else what
+        case "extra_forbidden":
+            known = did_you_mean(place[-1], _field_names(adapter.json_schema(), found["loc"]))
+            return place, f"there is no field '{where}'{known}"
         case "value_error":  # of a model's own, which may name one of its fields
             named = re.match(r"\w+", what)
             if named and (*place, named[0]) in document.marks:
@@ -442,10 +458,15 @@ def _finding(found: ErrorDetails, document: Document) -> tuple[Place, str]:
             return place, f"{_spoken((*place, field))} is missing{document.also}"
         case "union_tag_invalid":
             place = (*place, str(context["discriminator"]).strip("'"))
+            where = _spoken(place)
             what = f"it must be one of {context['expected_tags']}"
             what += _near(document, place, context["expected_tags"])
         case "literal_error" | "enum":
             what += _near(document, place, context["expected"])
+        case "model_type" | "dict_type" | "model_attributes_type":
+            what = "it must be a section with fields"
+        case "list_type" | "tuple_type":
+            what = "it must be a list"
         case "string_type" if isinstance(found["input"], bool | int | float):
             what = f'it must be text: quote it, "{document.written(place)}"'
         case "float_type" | "int_type" if document.marks[place].is_quoted:
@@ -464,6 +485,33 @@ def _place(found: ErrorDetails, value: Any) -> Place:
             case (list(), int()) if part < len(value):
                 place, value = (*place, part), value[part]
     return (*place, found["loc"][-1]) if found["type"] == "missing" else place
+
+
+def _field_names(schema: Mapping[str, Any], location: Place) -> list[str]:
+    """The fields that a model's JSON schema has in the section in which a finding lies."""
+
+    def opened(parts: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+        for part in parts:
+            if "$ref" in part:
+                yield from opened([schema["$defs"][part["$ref"].rsplit("/", 1)[-1]]])
+            elif "anyOf" in part:
+                yield from opened(part["anyOf"])
+            else:
+                yield part
+
+    here: list[Mapping[str, Any]] = [schema]
+    for name in location[:-1]:
+        inner: list[Mapping[str, Any]] = []
+        for part in opened(here):
+            branches = part.get("discriminator", {}).get("mapping", {})
+            if name in branches:
+                inner.append({"$ref": branches[name]})
+            elif isinstance(name, int):
+                inner += [*part.get("prefixItems", [])[name : name + 1], part.get("items", {})]
+            else:
+                inner.append(part.get("properties", {}).get(name, {}))
+        here = inner
+    return [name for part in opened(here) for name in part.get("properties", {})]
 
 
 def _spoken(place: Place) -> str:

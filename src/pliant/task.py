@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import dataclass, field, fields, replace
-from importlib.resources import files
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
-import yaml
+from pydantic import Field, TypeAdapter
 
+from pliant import files
 from pliant.errors import InputError, unknown
+from pliant.files import Fields
 from pliant.levels import Level, load_level
 from pliant.paths import located
 
@@ -17,6 +19,7 @@ Outline = tuple[tuple[float, float], ...]  # corners x, y [m]
 _SQUARE_ON = 0.9  # cosine of how far a flat side may be turned from the camera
 BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block with the hole in it
 _CENTRED_MM = 0.05  # of a peg's middle along y from its axis
+LENGTHS_MM = (60, 200)  # of a peg, from the shortest to the longest
 _LEAST_DISTANCE = 0.0005  # [m] of a peg's faces from its axis
 
 
@@ -45,9 +48,10 @@ class Peg:
             raise InputError(
                 f"peg '{self.name}': radius {self.radius * 1e3:g} mm; it must be 1 to 50 mm"
             )
-        if not 0.06 <= self.length <= 0.2:
+        if not LENGTHS_MM[0] * 1e-3 <= self.length <= LENGTHS_MM[1] * 1e-3:
             raise InputError(
-                f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be 60 to 200 mm"
+                f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be"
+                f" {LENGTHS_MM[0]} to {LENGTHS_MM[1]} mm"
             )
         if self.outline and (fault := _fault(self.outline)):
             raise InputError(f"peg '{self.name}': {fault}")
@@ -235,7 +239,7 @@ def shipped_pegs() -> list[str]:
     """Names that `load_task` takes beside a file's path."""
     return sorted(
         p.name.removesuffix(".yaml")
-        for p in (files("pliant") / "pegs").iterdir()
+        for p in (resources.files("pliant") / "pegs").iterdir()
         if p.name.endswith(".yaml")
     )
 
@@ -269,84 +273,68 @@ def on_level(task: Task, level: Level) -> Task:
 
 def _load_peg(peg: str) -> Task:
     if peg in shipped_pegs():
-        text = (files("pliant") / "pegs" / f"{peg}.yaml").read_text()
-        return _parse_peg(text, peg)
+        content = (resources.files("pliant") / "pegs" / f"{peg}.yaml").read_bytes()
+        return _peg_task(files.parse_yaml(content, f"peg file '{peg}'"), peg)
     if not _is_file(peg):
         raise unknown("peg", peg, shipped_pegs(), "or the path of a peg file (.yaml)")
     path = located(peg)
-    try:
-        text = path.read_text()
-    except OSError as error:
-        raise InputError(f"peg file '{path}' cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"peg file '{path}' is not text: it must be YAML in UTF-8") from error
-    return _parse_peg(text, path.stem)
+    advice = f"start from {resources.files('pliant') / 'pegs' / 'circle.yaml'}"
+    return _peg_task(files.read_yaml(path, "peg file", advice), path.stem)
 
 
-def _parse_peg(text: str, name: str) -> Task:
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        first = str(error).splitlines()[0]
-        raise InputError(f"peg file '{name}' is not YAML: {first}") from error
-    if not isinstance(data, dict):
-        raise InputError(f"peg file '{name}' holds no fields; see the shipped circle.yaml")
-    data = dict(data)
-    shape = data.pop("shape", None)
-    length = _millimetres(data, "length_mm", name, 90.0)
-    hole = Hole(
-        clearance=_millimetres(data, "clearance_mm", name, 2.0),
-        chamfer=_millimetres(data, "chamfer_mm", name, 0.0),
-    )
-    if shape == "circle":
-        peg = Peg(name=name, radius=_millimetres(data, "diameter_mm", name) / 2, length=length)
-    elif shape == "rectangle":
-        sx = _millimetres(data, "size_x_mm", name) / 2
-        sy = _millimetres(data, "size_y_mm", name) / 2
+_Signed = Annotated[float, Field(gt=-10_000, lt=10_000)]  # [mm]
+_Length = Annotated[float, Field(gt=0, lt=10_000)]  # [mm]
+
+
+class _PegFile(Fields):
+    """What every shape's file may say, in millimetres. Its hole is judged by `Hole`."""
+
+    length_mm: Annotated[float, Field(ge=LENGTHS_MM[0], le=LENGTHS_MM[1])] = 90.0
+    clearance_mm: _Signed = 2.0
+    chamfer_mm: _Signed = 0.0
+
+
+class _Circle(_PegFile):
+    shape: Literal["circle"]
+    diameter_mm: _Length
+
+    def peg(self, name: str, length: float) -> Peg:
+        return Peg(name=name, radius=self.diameter_mm * 1e-3 / 2, length=length)
+
+
+class _Rectangle(_PegFile):
+    shape: Literal["rectangle"]
+    size_x_mm: _Length
+    size_y_mm: _Length
+
+    def peg(self, name: str, length: float) -> Peg:
+        sx, sy = self.size_x_mm * 1e-3 / 2, self.size_y_mm * 1e-3 / 2
         corners = ((-sx, -sy), (sx, -sy), (sx, sy), (-sx, sy))
-        peg = Peg(name=name, outline=corners, length=length)
-    elif shape == "polygon":
-        peg = Peg(name=name, outline=_corners(data, name), length=length)
-    else:
-        shapes = ("circle", "rectangle", "polygon")
-        raise unknown("shape", shape, shapes, f"in peg file '{name}'")
-    if data:
-        raise InputError(
-            f"peg file '{name}': unknown field '{next(iter(data))}' for shape '{shape}'"
-        )
-    return Task(peg=peg, hole=hole)
+        return Peg(name=name, outline=corners, length=length)
 
 
-def _millimetres(data: dict[str, Any], key: str, name: str, default: float | None = None) -> float:
-    value = data.pop(key, default)
-    signed = key in ("clearance_mm", "chamfer_mm")  # judged by Hole
-    if not _is_length(value, -1e4 if signed else 0.0):
-        raise InputError(
-            f"peg file '{name}': {key} is {value!r}; it must be a number of millimetres above 0"
-        )
-    return float(value) * 1e-3
+class _Polygon(_PegFile):
+    shape: Literal["polygon"]
+    corners_mm: Annotated[tuple[tuple[_Signed, _Signed], ...], Field(min_length=3)]
+
+    def peg(self, name: str, length: float) -> Peg:
+        corners = tuple((x * 1e-3, y * 1e-3) for x, y in self.corners_mm)
+        return Peg(name=name, outline=corners, length=length)
 
 
-def _corners(data: dict[str, Any], name: str) -> Outline:
-    value = data.pop("corners_mm", None)
-    if not isinstance(value, list) or not value:
-        raise InputError(
-            f"peg file '{name}': corners_mm is {value!r}; it must be a list of corners [x, y]"
-        )
-    for corner in value:
-        numbers = isinstance(corner, list) and [v for v in corner if _is_length(v, -1e4)]
-        if not numbers or not len(numbers) == len(corner) == 2:
-            raise InputError(
-                f"peg file '{name}': corners_mm holds {corner!r}; a corner must be [x, y],"
-                " two numbers of millimetres"
-            )
-    return tuple((x * 1e-3, y * 1e-3) for x, y in value)
+_Shape = Annotated[_Circle | _Rectangle | _Polygon, Field(discriminator="shape")]
+_SHAPES: TypeAdapter[_Shape] = TypeAdapter(_Shape)
 
 
-def _is_length(value: object, least: float) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return least < value < 1e4
+def _peg_task(document: files.Document, name: str) -> Task:
+    document.fields()
+    found = document.checked(_SHAPES)
+    with document.at(("clearance_mm",)):
+        hole = Hole(clearance=found.clearance_mm * 1e-3)
+    with document.at(("chamfer_mm",)):
+        hole = replace(hole, chamfer=found.chamfer_mm * 1e-3)
+    with document.at(("shape",)):
+        return Task(peg=found.peg(name, found.length_mm * 1e-3), hole=hole)
 
 
 # --- polygons ------------------------------------------------------------------------------------

@@ -6,18 +6,17 @@ file, with the unit in the field's name; SI units and radians from the propertie
 
 import math
 from enum import StrEnum
-from importlib.resources import files
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, TypeAdapter, field_validator, model_validator
 
-from pliant import cell
-from pliant.errors import InputError
+from pliant import cell, files
+from pliant.files import Fields
 from pliant.pose import Axis, Pose, rotation_matrix
 
 Transform = NDArray[np.float64]
@@ -28,13 +27,10 @@ Angle = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]  # [deg]
 Port = Annotated[int, Field(ge=1, le=65535)]
 Byte = Annotated[int, Field(ge=0, le=255)]
 Hsv = tuple[Annotated[int, Field(ge=0, le=179)], Byte, Byte]
+KIND = "cell file"
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Arm(_Section):
+class Arm(Fields):
     """How the controller is reached, and how it brakes."""
 
     address: Annotated[str, Field(min_length=1)]
@@ -44,7 +40,7 @@ class Arm(_Section):
     watchdog_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
 
 
-class Tcp(_Section):
+class Tcp(Fields):
     """The wrist's hinge point on the flange, as on the pendant: the rotation is a vector."""
 
     x_mm: Length
@@ -61,7 +57,7 @@ class Tcp(_Section):
         return [v * 1e-3 for v in lengths] + [math.radians(v) for v in angles]
 
 
-class Payload(_Section):
+class Payload(Fields):
     """What hangs on the flange: wrist, gripper and peg."""
 
     mass_kg: Annotated[float, Field(gt=0.0, le=5.0)]
@@ -72,7 +68,7 @@ class Payload(_Section):
         return [v * 1e-3 for v in self.center_mm]
 
 
-class Frame(_Section):
+class Frame(Fields):
     """The task frame in the arm's base frame."""
 
     x_mm: Length
@@ -92,7 +88,7 @@ class Frame(_Section):
         return result
 
 
-class Workspace(_Section):
+class Workspace(Fields):
     """Where the hinge point may go: [from, to] per axis, in the task frame."""
 
     x_mm: tuple[Length, Length]
@@ -123,7 +119,7 @@ class Workspace(_Section):
         return Pose().updated({a: a.from_report(r[which]) for a, r in ranges.items()})
 
 
-class Limits(_Section):
+class Limits(Fields):
     """How fast, how hard, how far."""
 
     speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = 100.0
@@ -133,7 +129,7 @@ class Limits(_Section):
     goal_step_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 45.0
 
 
-class Wrist(_Section):
+class Wrist(Fields):
     """How the force becomes compression."""
 
     stiffness_n_mm: Annotated[float, Field(gt=0.0, le=100.0)]
@@ -142,7 +138,7 @@ class Wrist(_Section):
     filter_ms: Annotated[float, Field(ge=0.0, le=100.0)] = 20.0
 
 
-class Gripper(_Section):
+class Gripper(Fields):
     """The Robotiq 2F-85 behind its URCap socket."""
 
     port: Port = 63352
@@ -161,7 +157,7 @@ class Source(StrEnum):
     FILE = "file"
 
 
-class Camera(_Section):
+class Camera(Fields):
     """The side camera, and where it stands in the task frame."""
 
     source: Source
@@ -196,14 +192,14 @@ class Camera(_Section):
         )
 
 
-class Colours(_Section):
+class Colours(Fields):
     """HSV ranges, each [low, high]: hue 0 to 179, saturation and value 0 to 255."""
 
     peg: tuple[tuple[Hsv, Hsv], ...] = Field(min_length=1)
     block: tuple[tuple[Hsv, Hsv], ...] = Field(min_length=1)
 
 
-class Patience(_Section):
+class Patience(Fields):
     """How long anything may take before the cell counts as broken. All of pliant's waits for a cell
     are these."""
 
@@ -224,14 +220,14 @@ class Patience(_Section):
         return self
 
 
-class Emulator(_Section):
+class Emulator(Fields):
     """The cell is emulated: experiments set up its trials, and learn the truth, through this."""
 
     admin_port: Port = 30100
     ticks_per_look: Annotated[int, Field(ge=1, le=10)] = 5
 
 
-class Configuration(_Section):
+class Configuration(Fields):
     """One cell. A file that lacks a section with defaults has them."""
 
     arm: Arm
@@ -248,10 +244,20 @@ class Configuration(_Section):
     patience: Patience = Patience()
     emulator: Emulator | None = None
 
+    @field_validator("goals", mode="before")
+    @classmethod
+    def _a_file(cls, goals: Any) -> Any:
+        if goals == "":
+            raise ValueError("it must be a file's path; null: the shipped goals")
+        return goals
+
     @property
     def kind(self) -> str:
         """As `cell.Workcell.kind`."""
         return "ur5e" if self.emulator is None else "emulator"
+
+
+_CONFIGURATION = TypeAdapter(Configuration)
 
 
 def load(path: Path) -> Configuration:
@@ -260,22 +266,14 @@ def load(path: Path) -> Configuration:
     Raises:
         InputError: the file cannot be read, or a field is missing, unknown or out of range.
     """
-    try:
-        data = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise InputError(
-            f"cell file '{path}' cannot be read: {error.strerror}; start from {_example()}"
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        first = " ".join(str(error).split())
-        raise InputError(f"cell file '{path}' is not YAML: {first}") from error
-    if not isinstance(data, dict):
-        raise InputError(f"cell file '{path}' holds no fields; start from {_example()}")
-    try:
-        configuration = Configuration.model_validate(data)
-    except ValidationError as error:
-        raise InputError(f"cell file '{path}': {_first_problem(error)}") from error
-    return _from_folder(configuration, path.parent)
+    document = files.read_yaml(path, KIND, f"start from {_example()}")
+    return _from_folder(checked(document), path.parent)
+
+
+def checked(document: files.Document) -> Configuration:
+    """What a cell's file says, with relative paths as they are written. Raises as `load` does."""
+    document.fields()
+    return document.checked(_CONFIGURATION)
 
 
 def save(path: Path, configuration: Configuration) -> None:
@@ -287,18 +285,11 @@ def save(path: Path, configuration: Configuration) -> None:
     data = configuration.model_dump(mode="json", exclude_none=True)
     if configuration.gripper is None:
         data["gripper"] = None  # absent means the usual one
-    partial = path.with_name(f".{path.name}.part")
-    try:
-        partial.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None))
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"cell file '{path}' cannot be written: {error.strerror}; choose another folder"
-        ) from error
+    files.write_text(path, files.yaml_text(data))
 
 
 def _example() -> str:
-    return str(files("pliant") / "ur5e" / "example.yaml")
+    return str(resources.files("pliant") / "ur5e" / "example.yaml")
 
 
 def _from_folder(configuration: Configuration, folder: Path) -> Configuration:
@@ -309,22 +300,6 @@ def _from_folder(configuration: Configuration, folder: Path) -> Configuration:
     if goals is not None:
         changes["goals"] = folder / goals
     return configuration.model_copy(update=changes)
-
-
-def _first_problem(error: ValidationError) -> str:
-    """The first finding in one line: field, value, what is valid."""
-    problem = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in problem["loc"])
-    what = problem["msg"].removeprefix("Value error, ")
-    what = what[:1].lower() + what[1:]
-    match problem["type"]:
-        case "missing":
-            return f"{where} is missing; {_example()} explains it"
-        case "extra_forbidden":
-            return f"there is no field '{where}'; {_example()} has them all"
-        case "value_error":
-            return f"{where}.{what}"
-    return f"{where} is {problem['input']!r}: {what}"
 
 
 # --- poses as the controller writes them ---------------------------------------------------------
