@@ -439,6 +439,9 @@ def _finding(
     what = found["msg"].removeprefix("Value error, ")
     for theirs, ours in _OURS:
         what = what.replace(theirs, ours)
+    if found["loc"][-1:] == ("[key]",):
+        known = did_you_mean(place[-1], re.findall("'([^']*)'", context.get("expected", "")))
+        return place, f"there is no '{where}'{known}"
     match found["type"]:
         case "missing" if isinstance(place[-1], int):
             value, number = document.written(place[:-1]), place[-1] + 1
@@ -509,7 +512,8 @@ def _field_names(schema: Mapping[str, Any], location: Place) -> list[str]:
             elif isinstance(name, int):
                 inner += [*part.get("prefixItems", [])[name : name + 1], part.get("items", {})]
             else:
-                inner.append(part.get("properties", {}).get(name, {}))
+                others = part.get("additionalProperties") or {}
+                inner.append(part.get("properties", {}).get(name, others))
         here = inner
     return [name for part in opened(here) for name in part.get("properties", {})]
 

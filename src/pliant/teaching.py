@@ -7,26 +7,25 @@ peg, which is thereby unseen. They are kept as a YAML file with its pictures bes
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from importlib.resources import as_file, files
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
-import yaml
+from pydantic import Field, TypeAdapter
 
-from pliant import pictures
+from pliant import files, pictures
 from pliant.cell import Camera, View
 from pliant.envelope import Limits
-from pliant.errors import InputError, unknown
+from pliant.errors import InputError
+from pliant.files import Fields
 from pliant.formations import Formation, Goals
 from pliant.paths import located, seen_from
 from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task, load_task, located_peg, shipped_pegs
 from pliant.vision.measure import SIMULATED, Colours, measure
 from pliant.vision.scene import Scene
-
-SCHEMA = 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +65,7 @@ class Teaching:
 @lru_cache(maxsize=4)
 def shipped() -> Teaching:
     """The goals that come with pliant, taught by `reproduce/teach_goals.py`."""
-    with as_file(files("pliant") / "goals") as folder:
+    with resources.as_file(resources.files("pliant") / "goals") as folder:
         return load(folder / "goals.yaml")
 
 
@@ -77,37 +76,31 @@ def load(path: Path, limits: Limits | None = None, colours: Colours = SIMULATED)
     Raises:
         InputError: the file or a picture is missing or broken, or a goal is out of the workspace.
     """
-    document = _document(path)
-    path = located(path)
-    peg = located_peg(str(document.get("peg", "")), path.parent)
-    camera = _camera(document.get("camera"), path)
-    entries = document.get("formations")
-    if not isinstance(entries, dict):
-        raise InputError(f"goal file '{path}' must list 'formations'")
+    document = files.read_yaml(located(path), "goal file", "leave it out to use the shipped goals")
+    document.fields()
+    found = document.checked(_FILE)
+    folder = located(path).parent
+    with document.at(("peg",)):
+        peg = located_peg(found.peg, folder)
+        load_task(peg)
+    camera = found.camera.camera
     goals: dict[Formation, Partial] = {}
     demonstrations: dict[Formation, Demonstration] = {}
-    for name, entry in entries.items():
-        if name not in list(Formation):
-            raise unknown("formation", name, Formation, f"in goal file '{path}'")
-        formation = Formation(name)
-        if not isinstance(entry, dict):
-            raise InputError(f"goal file '{path}': {name} must have a goal, a pose and a picture")
-        goals[formation] = _partial(entry.get("goal"), path, name)
+    for formation, entry in found.formations.items():
+        goals[formation] = entry.goal.partial
         outside = (limits or Limits()).outside(goals[formation], margin=True)
         if outside is not None:
-            raise InputError(f"goal file '{path}': {name} {outside}")
+            raise document.error(("formations", formation, "goal"), f"{formation} {outside}")
+        with document.at(("formations", formation, "picture")):
+            image = _picture(folder, entry.picture, formation, camera)
         demonstrations[formation] = Demonstration(
             formation=formation,
-            pose=Pose().updated(_partial(entry.get("pose"), path, name)),
+            pose=Pose().updated(entry.pose.partial),
             peg=peg,
-            view=View(
-                camera=camera, time_s=0.0, image=_picture(path, entry.get("picture"), name, camera)
-            ),
+            view=View(camera=camera, time_s=0.0, image=image),
         )
-    try:
+    with document.at(("formations",)):
         return taught(Goals(formations=goals), demonstrations, colours)
-    except InputError as error:
-        raise InputError(f"goal file '{path}': {error}") from error
 
 
 def taught(
@@ -140,7 +133,7 @@ def save(path: Path, teaching: Teaching) -> None:
         }
     camera, is_shipped = shown.view.camera, shown.peg in shipped_pegs()
     document = {
-        "schema": SCHEMA,
+        "schema": 1,
         "peg": shown.peg if is_shipped else seen_from(located(shown.peg), path.parent),
         "frame": "task",
         "camera": {
@@ -152,46 +145,73 @@ def save(path: Path, teaching: Teaching) -> None:
         },
         "formations": entries,
     }
-    path.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
+    files.write_text(path, files.yaml_text(document))
 
 
-def _document(path: Path) -> dict[str, Any]:
-    try:
-        document = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise InputError(
-            f"goal file '{path}' cannot be read: {error.strerror}; leave it out to use the shipped"
-            " goals"
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"goal file '{path}' is not YAML: {str(error).splitlines()[0]}") from error
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise InputError(f"goal file '{path}' must say 'schema: {SCHEMA}'")
-    return document
+_Number = Annotated[float, Field(gt=-10_000, lt=10_000)]
 
 
-def _camera(entry: Any, path: Path) -> Camera:
-    try:
-        width, height = entry["size_px"]
+class _Values(Fields):
+    """Some axes' values, in millimetres and degrees."""
+
+    x_mm: _Number = 0.0
+    y_mm: _Number = 0.0
+    z_mm: _Number = 0.0
+    roll_deg: _Number = 0.0
+    pitch_deg: _Number = 0.0
+    yaw_deg: _Number = 0.0
+
+    @property
+    def partial(self) -> dict[Axis, float]:
+        """Those that are given: {"y_mm": 26} is {Axis.Y: 0.026}."""
+        units = {f"{axis}_{axis.report_unit}": axis for axis in Axis}
+        given = [name for name in units if name in self.model_fields_set]
+        return {units[name]: units[name].from_report(getattr(self, name)) for name in given}
+
+
+class _Entry(Fields):
+    goal: _Values
+    pose: _Values
+    picture: str
+
+
+_Row = tuple[_Number, _Number, _Number]
+
+
+class _Camera(Fields):
+    name: str
+    size_px: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
+    focal_px: Annotated[float, Field(gt=0)]
+    position_m: _Row
+    rotation: tuple[_Row, _Row, _Row]
+
+    @property
+    def camera(self) -> Camera:
         return Camera(
-            name=str(entry["name"]),
-            width=int(width),
-            height=int(height),
-            focal_px=float(entry["focal_px"]),
-            position=np.array(entry["position_m"], float).reshape(3),
-            rotation=np.array(entry["rotation"], float).reshape(3, 3),
+            name=self.name,
+            width=self.size_px[0],
+            height=self.size_px[1],
+            focal_px=self.focal_px,
+            position=np.array(self.position_m),
+            rotation=np.array(self.rotation),
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"goal file '{path}': 'camera' must give name, size_px, focal_px, position_m and"
-            " rotation"
-        ) from error
 
 
-def _picture(path: Path, name: Any, formation: str, camera: Camera) -> Any:
-    picture = path.parent / str(name)
-    what = f"goal file '{path}': the picture '{picture}' of {formation}"
-    if picture.parent != path.parent or picture.name == "..":
+class _File(Fields):
+    format: Literal[1] = Field(alias="schema")
+    peg: str
+    frame: Literal["task"] = "task"
+    camera: _Camera
+    formations: dict[Formation, _Entry]
+
+
+_FILE = TypeAdapter(_File)
+
+
+def _picture(folder: Path, name: str, formation: str, camera: Camera) -> Any:
+    picture = folder / name
+    what = f"the picture '{picture}' of {formation}"
+    if picture.parent != folder or picture.name == "..":
         raise InputError(f"{what} is in another folder: it must lie beside the file")
     if not picture.is_file():
         raise InputError(f"{what} is missing")
@@ -207,21 +227,6 @@ def _picture(path: Path, name: Any, formation: str, camera: Camera) -> Any:
             f" {camera.width} x {camera.height}"
         )
     return image
-
-
-def _partial(entry: Any, path: Path, name: str) -> dict[Axis, float]:
-    """{"y_mm": 26} to {Axis.Y: 0.026}."""
-    if not isinstance(entry, dict) or not entry:
-        raise InputError(f"goal file '{path}': {name} lacks its goal or pose")
-    units = {f"{axis}_{axis.report_unit}": axis for axis in Axis}
-    result = {}
-    for key, value in entry.items():
-        if key not in units:
-            raise unknown("goal field", key, units, f"in goal file '{path}'")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e4:
-            raise InputError(f"goal file '{path}': {name} {key} is {value!r}; it must be a number")
-        result[units[key]] = units[key].from_report(float(value))
-    return result
 
 
 def _report(goal: Partial) -> dict[str, float]:
