@@ -163,7 +163,7 @@ def test_a_missing_peg_file_is_named() -> None:
         ),
         (
             "shape: circl\n",
-            "line 1: shape is circl: it must be one of 'circle', 'rectangle', 'polygon'; did you mean",
+            "line 1: shape is circl: it must be one of 'circle', 'rectangle', 'polygon'; did you",
         ),
         (
             'shape: circle\ndiameter_mm: "40"',

@@ -167,7 +167,7 @@ def formation_goal(name: str, **goal: Any) -> Edit:
         (lambda d: d["formations"].pop("align"), "no goal for align"),
         (
             lambda d: d["formations"].update(fly={}),
-            "there is no 'formations.fly'; valid are approach",
+            "there is no 'formations.fly'; valid are",
         ),
         (lambda d: d.pop("formations"), "formations is missing"),
         (lambda d: d["formations"].update(fit=3), "formations.fit is 3: it must be a section"),
@@ -176,7 +176,7 @@ def formation_goal(name: str, **goal: Any) -> Edit:
         (lambda d: d.pop("camera"), "camera is missing"),
         (
             lambda d: d["camera"].update(position_m=[1, 2]),
-            "camera.position_m is [1, 2]: item 3 is missing",
+            "position_m is [1, 2]: item 3 is missing",
         ),
         (lambda d: d.update(peg="pentagon"), "unknown peg 'pentagon'"),
         (formation_goal("fit", y_mm="far"), "fit.goal.y_mm is far: it must be a number"),
@@ -184,7 +184,7 @@ def formation_goal(name: str, **goal: Any) -> Edit:
         (formation_goal("fit", y_mm=True), "it must be a number"),
         (
             formation_goal("fit", y_m=0.1),
-            "there is no field 'formations.fit.goal.y_m'; did you mean 'y_mm'?",
+            "no field 'formations.fit.goal.y_m'; did you mean 'y_mm'?",
         ),
         (formation_goal("fit", y_mm=-30, z_mm=190), "sets z, which fit does not own"),
         (formation_goal("approach", y_mm=26, z_mm=213), "lacks roll"),
