@@ -316,10 +316,99 @@ def test_a_section_is_written_however_the_file_has_it(example: Path, form: str) 
 
 def test_a_value_that_is_not_valid_leaves_the_file_as_it_was(example: Path) -> None:
     before = example.read_bytes()
-    with pytest.raises(InputError, match=r"cell\.yaml': camera\.focal_px"):
+    with pytest.raises(InputError, match=r"cell\.yaml', line 69: camera\.focal_px is -3\.0"):
         file.put(example, {"wrist": {"sign": -1}, "camera": {"focal_px": -3.0}})
     assert example.read_bytes() == before
     assert list(example.parent.iterdir()) == [example]
+
+
+def test_an_entry_that_is_commented_out_is_not_the_one_that_counts(example: Path) -> None:
+    text = example.read_text(encoding="utf-8")
+    text = text.replace("  focal_px:", "  # focal_px: 1  # focal_px: 2\n  focal_px:")
+    example.write_text(text, encoding="utf-8")
+    file.put(example, {"camera": {"focal_px": 912.5}})
+    assert "  # focal_px: 1  # focal_px: 2\n  focal_px: 912.5 " in example.read_text(
+        encoding="utf-8"
+    )
+
+
+def test_a_file_with_an_entry_twice_is_not_calibrated(example: Path) -> None:
+    with example.open("a", encoding="utf-8") as more:
+        more.write("wrist: {stiffness_n_mm: 2.0}\n")
+    before = example.read_bytes()
+    with pytest.raises(InputError, match="'wrist' stands on line 47 already"):
+        file.put(example, {"wrist": {"sign": -1}})
+    assert example.read_bytes() == before
+
+
+@pytest.mark.parametrize("mark", ["", "\N{BOM}"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_line_ends_mode_and_links_stay(example: Path, end: str, mark: str) -> None:
+    text = (mark + "# größe µ\n" + example.read_text(encoding="utf-8")).replace("\n", end)
+    text = text.partition("colours:")[0]
+    example.write_bytes(text.encode())
+    example.chmod(0o600)
+    link = example.parent / "there" / "link.yaml"
+    link.parent.mkdir()
+    link.symlink_to("../cell.yaml")
+    file.put(
+        link,
+        {
+            "camera": {"focal_px": 912.5},
+            "limits": {"speed_mm_s": 50.0},
+            "colours": {"peg": [[[1, 2, 3], [4, 5, 6]]], "block": [[[7, 8, 9], [9, 9, 9]]]},
+        },
+    )
+    after = example.read_bytes().decode()
+    assert after.startswith(mark + "# größe µ" + end)
+    assert after.count("\n") == after.count(end) == text.count(end) + 3
+    assert link.is_symlink()
+    assert example.stat().st_mode & 0o777 == 0o600
+    assert configuration.load(link).limits.speed_mm_s == 50.0
+
+
+@pytest.mark.parametrize(
+    ("camera", "after"),
+    [
+        (
+            "position_mm: [1200, # far\n    0,\n    0] # from here",
+            "position_mm: [1.5, # far\n    2.5,\n    3.5] # from here",
+        ),
+        (
+            "position_mm:\n  - 1200 # far\n  # and\n  - 0\n  - 0 # from here",
+            "position_mm:\n  - 1.5 # far\n  # and\n  - 2.5\n  - 3.5 # from here",
+        ),
+        (
+            "position_mm:\n    # this\n    [1200, 0, 0]",
+            "position_mm:\n    # this\n    [1.5, 2.5, 3.5]",
+        ),
+    ],
+)
+def test_comments_within_a_value_stay(example: Path, camera: str, after: str) -> None:
+    text = example.read_text(encoding="utf-8")
+    assert "position_mm: [1200, 0, 0]" in text
+    example.write_text(text.replace("position_mm: [1200, 0, 0]", camera), encoding="utf-8")
+    file.put(example, {"camera": {"position_mm": (1.5, 2.5, 3.5)}})
+    assert example.read_text(encoding="utf-8") == text.replace("position_mm: [1200, 0, 0]", after)
+
+
+@pytest.mark.parametrize("wrist", ["{stiffness_n_mm: 1, }", "{stiffness_n_mm: 1, # a, b\n }"])
+def test_a_field_is_added_where_a_comma_ends_a_section(example: Path, wrist: str) -> None:
+    text = example.read_text(encoding="utf-8")
+    start, end = text.index("wrist:"), text.index("gripper:")
+    example.write_text(f"{text[:start]}wrist: {wrist}\n{text[end:]}", encoding="utf-8")
+    file.put(example, {"wrist": {"sign": -1}})
+    assert configuration.load(example).wrist.sign == -1
+
+
+def test_a_layout_that_cannot_be_edited_is_said_and_left(example: Path) -> None:
+    text = example.read_text(encoding="utf-8")
+    start, end = text.index("wrist:"), text.index("gripper:")
+    odd = f"{text[:start]}? wrist\n: stiffness_n_mm: 1\n{text[end:]}"
+    example.write_text(odd, encoding="utf-8")
+    with pytest.raises(InputError, match=r"line 47: wrist\.sign cannot be put .* 'sign: -1'"):
+        file.put(example, {"wrist": {"sign": -1}})
+    assert example.read_text(encoding="utf-8") == odd
 
 
 # --- the command -------------------------------------------------------------------------------

@@ -171,7 +171,7 @@ def parse_yaml(content: bytes, what: str, advice: str = "") -> Document:
 
 def _text(content: bytes, what: str) -> str:
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode()
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise InputError(

@@ -1,16 +1,17 @@
 """Put calibrated values into a cell's file and leave everything else in it as a person wrote it.
 
-PyYAML knows where in the text a value stands but does not keep comments; so only the values' own
-characters are replaced.
+Only the values' own characters are replaced: comments, order, layout and line ends stay. A library
+that keeps comments writes the whole file anew, in a layout of its own.
 """
 
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from pliant import files
 from pliant.errors import InputError
+from pliant.files import Document, Place
 from pliant.ur5e import configuration
 
 Fields = Mapping[str, Mapping[str, Any]]
@@ -23,87 +24,96 @@ def put(path: Path, fields: Fields) -> list[str]:
     Raises:
         InputError: the file cannot be read or written, or would not be a cell's file any more.
     """
-    try:
-        text = before = path.read_text()
-    except OSError as error:
-        raise InputError(f"cell file '{path}' cannot be read: {error.strerror}") from error
+    before = document = files.read_yaml(path, configuration.KIND)
+    document.fields()
     lines = []
     for section, values in fields.items():
         for name, value in values.items():
-            text, old = _with(text, section, name, _flow(value))
-            lines.append(f"{section}.{name}: {old or 'absent'} -> {_flow(value)}")
-    partial = path.with_name(f".{path.name}.part")
-    try:
-        partial.write_text(text)
-        _check(partial, path)
-        if path.read_text() != before:
-            raise InputError(f"cell file '{path}' was changed meanwhile: calibrate again")
-        partial.chmod(path.stat().st_mode)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"cell file '{path}' cannot be written: {error.strerror}") from error
-    finally:
-        partial.unlink(missing_ok=True)
+            old = _text(document, (section, name))
+            document = _with(document, section, name, _plain(value))
+            lines.append(
+                f"{section}.{name}: {old or 'absent'} -> {files.yaml_value(_plain(value))}"
+            )
+    configuration.checked(document)
+    if files.read_yaml(path, configuration.KIND).text != before.text:
+        raise InputError(f"cell file '{path}' was changed meanwhile: calibrate again")
+    files.write_text(path, document.text)
     return lines
 
 
-def _check(partial: Path, path: Path) -> None:
+def _with(document: Document, section: str, name: str, value: Any) -> Document:
+    """The document with one field's value replaced, or added where there was none."""
+    wanted = deepcopy(document.value)
+    wanted[section] = (wanted.get(section) or {}) | {name: value}
+    text = _put(document, section, name, value)
     try:
-        configuration.load(partial)
+        changed = files.parse_yaml(text.encode(), document.what)
     except InputError as error:
-        raise InputError(str(error).replace(str(partial), str(path))) from error
+        raise _cannot(document, section, name, value) from error
+    if changed.value != wanted:
+        raise _cannot(document, section, name, value)
+    return changed
 
 
-def _with(text: str, section: str, name: str, value: str) -> tuple[str, str]:
-    """The text with a field's value replaced, and the old value's text, "" where there was none."""
-    root = _mapping(yaml.compose(text), "the file")
-    found = _entry(root, section)
-    if found is None or _is_null(found[1]):
-        if found is not None:  # "colours: null"
-            start = found[1].start_mark.index
-            return f"{text[:start]}{{{name}: {value}}}{text[found[1].end_mark.index :]}", ""
-        return f"{text.rstrip()}\n\n{section}:\n  {name}: {value}\n", ""
-    mapping = _mapping(found[1], section)
-    entry = _entry(mapping, name)
-    if entry is not None:
-        start, end = entry[1].start_mark.index, _end(entry[1])
-        return text[:start] + value + text[end:], text[start:end]
-    if mapping.flow_style:
-        end = mapping.end_mark.index - 1  # before the brace
-        comma = ", " if mapping.value else ""
-        return f"{text[:end]}{comma}{name}: {value}{text[end:]}", ""
-    start = mapping.start_mark.index
-    indent = " " * mapping.start_mark.column
-    return f"{text[:start]}{name}: {value}\n{indent}{text[start:]}", ""
+def _cannot(document: Document, section: str, name: str, value: Any) -> InputError:
+    return document.error(
+        (section, name),
+        f"{section}.{name} cannot be put where it stands: write '{name}:"
+        f" {files.yaml_value(value)}' there yourself",
+    )
 
 
-def _mapping(node: yaml.Node | None, where: str) -> yaml.MappingNode:
-    if not isinstance(node, yaml.MappingNode):
-        raise InputError(f"cell file: {where} holds no fields")
-    return node
+def _put(document: Document, section: str, name: str, value: Any) -> str:
+    text, written = document.text, files.yaml_value(value)
+    if (section, name) in document.marks:
+        return _replaced(document, (section, name), value)
+    fields = document.value.get(section)
+    if section not in document.value:
+        return _added(document, (), section, {name: value})
+    if fields is None:  # "colours: null"
+        mark = document.marks[section,]
+        return f"{text[: mark.start]}{{{name}: {written}}}{text[mark.end :]}"
+    if not isinstance(fields, dict):
+        raise document.error((section,), f"{section} must be a section with fields")
+    return _added(document, (section,), name, value)
 
 
-def _entry(mapping: yaml.MappingNode, name: str) -> tuple[yaml.Node, yaml.Node] | None:
-    return next(((k, v) for k, v in mapping.value if k.value == name), None)
+def _replaced(document: Document, place: Place, value: Any) -> str:
+    """The text with a value in place of another; of a list as long as before, item by item, so that
+    the layout and the comments between the items stay."""
+    found: Any = document.value
+    for part in place:
+        found = found[part]
+    if isinstance(value, list) and isinstance(found, list) and 0 < len(found) == len(value):
+        for index in reversed(range(len(value))):  # from the end: marks before it stay right
+            text = _replaced(document, (*place, index), value[index])
+            document = Document(document.what, document.value, document.marks, text=text)
+        return document.text
+    mark = document.marks[place]
+    return document.text[: mark.start] + files.yaml_value(value) + document.text[mark.end :]
 
 
-def _is_null(node: yaml.Node) -> bool:
-    return node.tag == "tag:yaml.org,2002:null"
+def _added(document: Document, place: Place, name: str, value: Any) -> str:
+    """The text with one field more in the section at `place`."""
+    text, mark = document.text, document.marks[place]
+    line_end = "\r\n" if "\r\n" in text else "\n"
+    fields: Any = document.value if not place else document.value[place[0]]
+    if mark.is_flow:
+        last = document.marks[*place, list(fields)[-1]].end if fields else mark.start + 1
+        comma = ", " if fields else ""
+        return f"{text[:last]}{comma}{name}: {files.yaml_value(value)}{text[last:]}"
+    if not place:
+        body = "".join(f"{line_end}  {n}: {files.yaml_value(v)}" for n, v in value.items())
+        return f"{text.rstrip()}{line_end}{line_end}{name}:{body}{line_end}"
+    indent = text[text.rfind("\n", 0, mark.start) + 1 : mark.start]
+    line = f"{name}: {files.yaml_value(value)}{line_end}"
+    return f"{text[: mark.start]}{line}{indent}{text[mark.start :]}"
 
 
-def _end(node: yaml.Node) -> int:
-    """Where a value's text ends. Of a block it is the last item's: its own mark lies beyond the
-    comments that follow."""
-    if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
-        last = node.value[-1]
-        return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
-    return int(node.end_mark.index)
-
-
-def _flow(value: Any) -> str:
-    """A value in one line."""
-    text = yaml.safe_dump(_plain(value), default_flow_style=True, width=10_000)
-    return text.removesuffix("\n").removesuffix("\n...")
+def _text(document: Document, place: Place) -> str:
+    """A value's text as it is written, "" where there is none."""
+    mark = document.marks.get(place)
+    return files.shortened(document.text[mark.start : mark.end]) if mark else ""
 
 
 def _plain(value: Any) -> Any:
