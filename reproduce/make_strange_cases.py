@@ -31,7 +31,7 @@ from pliant.experiment.bench.cases import (
     thinned,
     write,
 )
-from pliant.experiment.misread import Misreading
+from pliant.experiment.misread import Misread
 from pliant.formations import RECOVERABLE
 from pliant.levels import STOP, Level, shipped_levels
 from pliant.reasoners.rules import Rules
@@ -41,6 +41,7 @@ from pliant.skills import skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Patience, Run
+from pliant.vision.sight import ByColour
 
 FIRST_SEED = 31001
 SEEDS = 2  # for each peg of a scenario
@@ -70,7 +71,7 @@ def strange(level: Level, peg: str, seed: int) -> Question | None:
         reasoner=mind,
         skill=skill_set(level.skills, task, taught, Limits()),
         skills=level.skills,
-        reading=Misreading(setup),
+        sight=Misread(ByColour(task), setup),
         patience=Patience(executions=9),
     )
     found: list[Question] = []

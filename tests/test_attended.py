@@ -316,7 +316,7 @@ def test_what_nobody_can_set_or_know_at_a_real_cell_is_refused() -> None:
         with pytest.raises(InputError, match=re.escape(message)):
             replace(from_fields(fields), where=plan.where)
     tight = {**fields, "level": "L1", "skills": "planar"}  # such a block can be screwed on
-    assert replace(from_fields(tight), where=plan.where).cells[0].task.level == "L1"
+    assert replace(from_fields(tight), where=plan.where).cells[0].level == "L1"
 
 
 def test_what_an_emulated_cell_lacks_is_refused_before_it_begins(tmp_path: Path) -> None:

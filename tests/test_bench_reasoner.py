@@ -432,7 +432,7 @@ def second_line(line: bytes) -> Any:
         ("cases.jsonl", drop_last_line, "1 cases and 2 answers"),
         ("answers.jsonl", second_line(b'{"kind": "odd"}'), "answers.jsonl line 2 is broken"),
         ("answers.jsonl", lambda t: t.replace(b'"fit"', b'"align"'), "to another case"),
-        ("teaching.json", lambda t: t.replace(b'"schema":1', b'"schema":99'), "has schema 99"),
+        ("teaching.json", lambda t: t.replace(b'"schema":2', b'"schema":99'), "has schema 99"),
         (
             f"pictures/{picture_name(np.zeros((480, 640, 3), np.uint8))}.webp",
             lambda _: b"",

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from stand_ins import prepared, scene_of
+from stand_ins import outcome_of, prepared, scene_of
 
 from pliant.cell import Truth
 from pliant.conditions import NOMINAL, QUANTITIES, Condition, Setup, condition
-from pliant.experiment.misread import MISREAD_BY, Misreading
+from pliant.experiment.misread import MISREAD_BY, Misread
+from pliant.formations import Formation
 from pliant.levels import load_level
 from pliant.pose import Axis, Pose
 from pliant.sim import replay
@@ -150,17 +151,18 @@ def test_a_misread_hole_is_10_mm_aside_in_pixels_too_and_as_often_as_drawn() -> 
     hole = replace(scene.hole, box_px=box)
     scene = replace(scene, hole=hole)
     setup = Setup(seed=3, misread=0.2)
-    misread = Misreading(setup)
-    read = [misread(scene).hole for _ in range(400)]
-    again = Misreading(setup)
-    assert [again(scene).hole for _ in range(400)] == read
+    look = outcome_of(Formation.FIT).looks[-1].observation
+    misread = Misread(lambda _: scene, setup)
+    read = [misread(look).hole for _ in range(400)]
+    again = Misread(lambda _: scene, setup)
+    assert [again(look).hole for _ in range(400)] == read
     off = [seen.y.value - 0.004 for seen in read if seen is not None]
     wrong = [o for o in off if o]
     assert 0.14 < len(wrong) / len(off) < 0.26
     assert {round(o, 9) for o in wrong} == {MISREAD_BY, -MISREAD_BY}
     shifted = next(seen for seen in read if seen is not None and seen.y.value > 0.01)
     assert shifted.center_px[0] - hole.center_px[0] == pytest.approx(0.01 / 0.12 * 200)
-    assert Misreading(Setup(seed=3))(scene) is scene
+    assert Misread(lambda _: scene, Setup(seed=3))(look) is scene
 
 
 # --- strikes -----------------------------------------------------------------------------------

@@ -49,6 +49,7 @@ def trial(*done: tuple[Execution, Truth], end: str = End.EXHAUSTED, known: bool 
     return Trial(
         trial_id="L0-circle-all-rules-1",
         task=load_task("circle"),
+        level="L0",
         condition="all",
         seed=1,
         reasoner="rules",

@@ -109,6 +109,7 @@ def inserted(
     rung = load_level(level)
     spec = Spec(
         task=load_task(peg, level),
+        level=level,
         condition=rung.on(condition("all")),
         seed=seed,
         reasoner=reasoner,

@@ -1,7 +1,7 @@
 """The ladder is data: what a level changes, and how an experiment takes it."""
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 
@@ -9,6 +9,7 @@ from pliant.cli.ranges import Ranges
 from pliant.conditions import NOMINAL, Condition, condition
 from pliant.errors import InputError
 from pliant.experiment import ladder, plan
+from pliant.experiment.one import Spec
 from pliant.levels import FIELDS, load_level, shipped_levels
 from pliant.task import load_task, shipped_pegs
 
@@ -38,6 +39,20 @@ def test_a_level_tightens_the_hole_and_deepens_the_goal() -> None:
     task = load_task("square", "L2")
     assert task.hole.clearance == pytest.approx(0.0002)
     assert task.depth == pytest.approx(0.035)
+
+
+def test_a_task_does_not_tell_its_level() -> None:
+    assert load_task("circle", "wrong_peg") == load_task("circle", "L1")
+    assert load_task("circle", "L5+") == load_task("circle", "L0")
+
+
+def test_a_trial_with_a_task_of_another_level_is_refused() -> None:
+    spec = Spec(task=load_task("circle"), condition=condition("all"), seed=1, reasoner="rules")
+    assert replace(spec, level="L5").trial_id == "L5-circle-all-rules-1"
+    with pytest.raises(InputError, match="level L2 has another hole or depth than the task"):
+        replace(spec, level="L2")
+    with pytest.raises(InputError, match="unknown level 'L9'"):
+        replace(spec, level="L9")
 
 
 def test_levels_build_on_one_another() -> None:

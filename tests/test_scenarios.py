@@ -11,7 +11,7 @@ from stand_ins import prepared
 
 from pliant.conditions import NOMINAL, Setup, condition
 from pliant.experiment import ladder, tables_text
-from pliant.experiment.misread import Misreading
+from pliant.experiment.misread import Misread
 from pliant.levels import EITHER, STOP, load_level, shipped_levels
 from pliant.pose import Pose
 from pliant.records import End
@@ -20,6 +20,7 @@ from pliant.skills import GUIDED
 from pliant.task import load_task
 from pliant.vision.measure import measure
 from pliant.vision.scene import Scene
+from pliant.vision.sight import ByColour
 
 SCENARIOS = [level for level in shipped_levels().values() if level.is_scenario]
 DEEP_M = 0.012  # commanded below the surface
@@ -134,10 +135,12 @@ def test_a_dead_sensor_reads_nothing_of_what_presses_and_stops_no_motion() -> No
 def test_a_lying_camera_moves_every_reading_by_the_same() -> None:
     setup = Setup(seed=3, hole_misread=-0.009)
     robot = prepared("square", setup)
-    read = Misreading(setup)
-    truly = measure(robot.observe().views["side"], robot.task)
+    sight = ByColour(robot.task)
+    read = Misread(sight, setup)
+    look = robot.observe()
+    truly = sight(look)
     for _ in range(5):
-        seen: Scene = read(truly)
+        seen: Scene = read(look)
         assert seen.hole is not None
         assert truly.hole is not None
         assert seen.hole.y.value - truly.hole.y.value == pytest.approx(-0.009)

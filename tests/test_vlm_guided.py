@@ -44,6 +44,7 @@ def trial(level: str, peg: str, seed: int, reasoner: str) -> Trial:
     rung = load_level(level)
     spec = Spec(
         task=load_task(peg, level),
+        level=level,
         condition=rung.on(condition("all")),
         seed=seed,
         reasoner=reasoner,

@@ -18,7 +18,7 @@ from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.scene import Scene
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of everything stored. A reader refuses another."""
 
 
@@ -229,6 +229,7 @@ class Trial:
 
     trial_id: str
     task: Task
+    level: str  # or the scenario; as `condition` and `seed`, the experiment's to know
     condition: str
     seed: int
     reasoner: str

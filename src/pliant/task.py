@@ -198,7 +198,6 @@ class Task:
     peg: Peg
     hole: Hole = field(default_factory=Hole)
     wrist: Wrist = field(default_factory=Wrist)
-    level: str = "L0"
     depth: float = 0.010  # of insertion, of the bottom face's centre [m]; the paper's criterion
 
     # Kinematics of the tool, below the hinge point [m] (Fuchioka et al. 2024).
@@ -245,7 +244,8 @@ def shipped_pegs() -> list[str]:
 
 
 def load_task(peg: str, level: str = "L0") -> Task:
-    """The nominal task for a shipped peg's name or a peg file's path, on a level of the ladder.
+    """The nominal task for a shipped peg's name or a peg file's path, on a level of the ladder. It
+    tells the level's hole and depth, and not the level's name, which is the experiment's to know.
 
     Raises:
         InputError: the name is unknown, or the file is missing or broken.
@@ -268,7 +268,7 @@ def on_level(task: Task, level: Level) -> Task:
     hole = task.hole
     if level.clearance is not None:
         hole = replace(hole, clearance=level.clearance)
-    return replace(task, hole=hole, depth=level.depth, level=level.name)
+    return replace(task, hole=hole, depth=level.depth)
 
 
 def _load_peg(peg: str) -> Task:

@@ -5,7 +5,7 @@ shows them as they happen, and an environment drives it step by step.
 """
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
@@ -34,16 +34,11 @@ from pliant.recovery import Reasoner, admit
 from pliant.skills import PLANAR
 from pliant.task import Task
 from pliant.teaching import Teaching
-from pliant.vision.scene import Scene
 from pliant.vision.sight import ByColour, Sight
 from pliant.vision.surround import SIDE
 
 _RETAKES = 4  # of pictures that turn out to be stale
 _FRESH_S = 0.15
-
-
-def _as_it_is(scene: Scene) -> Scene:
-    return scene
 
 
 class Skill(Protocol):
@@ -86,7 +81,6 @@ class Run:
     limits: Limits = field(default_factory=Limits)
     patience: Patience = field(default_factory=Patience)
     sight: Sight | None = None  # None: by colour, as in simulation
-    reading: Callable[[Scene], Scene] = _as_it_is  # what of a measurement reaches the method
     end_reason: str = ""
     fault: str = ""
     aborted: Aborted | None = None  # the execution that was begun and not judged when it ended
@@ -204,8 +198,7 @@ class Run:
                 ):
                     break
                 observation = robot.observe(cameras)
-        scene = self.reading(self.sight(observation))
-        return Look(observation=observation, scene=scene)
+        return Look(observation=observation, scene=self.sight(observation))
 
     def _belief(self, outcome: Outcome | None) -> Belief:
         outcomes = [e.outcome for e in self.history] + ([outcome] if outcome else [])

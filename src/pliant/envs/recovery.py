@@ -32,16 +32,15 @@ from pliant.envs.common import (
 )
 from pliant.envs.decision import ACTION, FIELDS, as_recovery, numbers
 from pliant.errors import InputError
-from pliant.experiment.misread import Misreading
+from pliant.experiment.one import Spec, composed
 from pliant.levels import load_level
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, End, Execution, Recovery, Verdict
 from pliant.recovery import admit
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.skills import skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
-from pliant.trial import Question, Run
+from pliant.trial import Question
 
 NAME = "agent"
 INSERTED, EXECUTION_COST = 1.0, 0.05
@@ -71,7 +70,7 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
     ) -> None:
         self.render_mode = check_render_mode(render_mode)
         self._task = load_task(peg, level)
-        rung = load_level(level)
+        self._level, rung = level, load_level(level)
         self._condition, self._skills = rung.on(as_condition(condition)), rung.skills
         self._teaching = shipped().for_task(self._task)
         self._limits = Limits()
@@ -153,15 +152,16 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         self._setup = self._condition.draw(trial)
         self._robot = self._cell.prepare(self._task, self._setup)
         self._judge = _Judge()
-        self._run = Run(
-            robot=self._robot,
+        spec = Spec(
             task=self._task,
-            teaching=self._teaching,
-            reasoner=self._judge,
-            skill=skill_set(self._skills, self._task, self._teaching, self._limits),
+            level=self._level,
+            condition=self._condition,
+            seed=trial,
+            reasoner=NAME,
             skills=self._skills,
-            limits=self._limits,
-            reading=Misreading(self._setup),
+        )
+        self._run = composed(
+            spec, self._robot, self._setup, self._teaching, self._judge, limits=self._limits
         )
         self._turns = self._run.turns()
         self._go_on()

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pliant.belief import MEMORY, hang_share, sag_m
-from pliant.cell import Truth, Workcell
+from pliant.cell import Robot, Truth, Workcell
 from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
-from pliant.errors import RobotFault
-from pliant.experiment.misread import Misreading
+from pliant.errors import InputError, RobotFault
+from pliant.experiment.misread import Misread
 from pliant.experiment.oracle import NAME, Oracle
 from pliant.levels import EDGES, load_level
 from pliant.reasoners import reasoner, short_name, vlm
@@ -19,9 +19,9 @@ from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
 from pliant.skills import PLANAR, kind_of, lacks, skill_set
-from pliant.task import Task
+from pliant.task import Task, on_level
 from pliant.teaching import Teaching
-from pliant.trial import Patience, Run
+from pliant.trial import Run
 from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.sight import ByColour, ByEdges, Sight
 
@@ -33,14 +33,28 @@ INTERRUPTED = "fault:interrupted"
 class Spec:
     """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`, a
     user's file with its folder; with `vlm` it is what this model with these settings is called.
-    `skills` is a name of `skills`."""
+    `skills` is a name of `skills`. `level` is the rung or the scenario that the task's hole and
+    depth are of.
+
+    Raises:
+        InputError: no level has that name, or the task is on another.
+    """
 
     task: Task
     condition: Condition
     seed: int
     reasoner: str
+    level: str = "L0"
     vlm: Settings | None = None
     skills: str = PLANAR
+
+    def __post_init__(self) -> None:
+        if on_level(self.task, load_level(self.level)) != self.task:
+            raise InputError(
+                f"level {self.level} has another hole or depth than the task, which goes"
+                f" {self.task.depth * 1e3:g} mm deep with {self.task.hole.clearance * 1e3:g} mm of"
+                " play: name the level that the task was made for"
+            )
 
     @property
     def reasoner_name(self) -> str:
@@ -50,7 +64,7 @@ class Spec:
     @property
     def names(self) -> tuple[str, str, str, str]:
         """(level, peg, condition, reasoner), as in the result's columns."""
-        return self.task.level, self.task.peg.name, self.condition.name, self.reasoner_name
+        return self.level, self.task.peg.name, self.condition.name, self.reasoner_name
 
     @property
     def trial_id(self) -> str:
@@ -93,19 +107,7 @@ def perform(
     except RobotFault as fault:
         end_reason, why = fault.end_reason, str(fault)
     else:
-        run = Run(
-            robot=robot,
-            task=spec.task,
-            teaching=teaching,
-            reasoner=mind,
-            skill=skill_set(spec.skills, spec.task, teaching, limits),
-            skills=kind_of(spec.skills),
-            memory=1 if "median" in lacks(spec.skills) else MEMORY,
-            limits=limits,
-            patience=Patience(),
-            sight=_sight(spec, teaching, colours),
-            reading=Misreading(setup),
-        )
+        run = composed(spec, robot, setup, teaching, mind, limits=limits, colours=colours)
         try:
             with closing(iter(run)) as executions:  # left early, it halts the robot
                 for execution in executions:
@@ -121,6 +123,7 @@ def perform(
     return Trial(
         trial_id=spec.trial_id,
         task=spec.task,
+        level=spec.level,
         condition=spec.condition.name,
         seed=spec.seed,
         reasoner=spec.reasoner_name,
@@ -139,9 +142,36 @@ def perform(
     )
 
 
+def composed(
+    spec: Spec,
+    robot: Robot,
+    setup: Setup,
+    teaching: Teaching,
+    mind: Reasoner,
+    *,
+    limits: Limits | None = None,
+    colours: Colours = SIMULATED,
+) -> Run:
+    """The loop of a trial, with the skills and the sight that its level asks for. `robot` is
+    prepared with `setup`, and `teaching` is for the task. Of the setup and the level nothing is in
+    the loop but through what is sensed."""
+    limits = limits or Limits()
+    return Run(
+        robot=robot,
+        task=spec.task,
+        teaching=teaching,
+        reasoner=mind,
+        skill=skill_set(spec.skills, spec.task, teaching, limits),
+        skills=kind_of(spec.skills),
+        memory=1 if "median" in lacks(spec.skills) else MEMORY,
+        limits=limits,
+        sight=Misread(_sight(spec, teaching, colours), setup),
+    )
+
+
 def _sight(spec: Spec, teaching: Teaching, colours: Colours) -> Sight:
     """By colour, or by edges where a level's colours are anything."""
-    if load_level(spec.task.level).senses == EDGES:
+    if load_level(spec.level).senses == EDGES:
         share, sag = hang_share(teaching), sag_m(teaching)
         calibrates = "calibration" not in lacks(spec.skills)
         return ByEdges(spec.task, hang_share=share, sag_m=sag, calibrates=calibrates)

@@ -61,9 +61,10 @@ _DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py")  # of the experiment'
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One cell of a table: a task, a condition, and who reasons (as in `Spec`)."""
+    """One cell of a table: a task, its level, a condition, and who reasons (as in `Spec`)."""
 
     task: Task
+    level: str
     condition: Condition
     reasoner: str
     vlm: Settings | None = None
@@ -77,6 +78,7 @@ class Cell:
     def spec(self, seed: int) -> Spec:
         return Spec(
             task=self.task,
+            level=self.level,
             condition=self.condition,
             seed=seed,
             reasoner=self.reasoner,
@@ -115,7 +117,7 @@ class Experiment:
                     " file, the condition or the reasoner's file of one"
                 )
         for cell in self.cells:
-            self.where.check(cell.task, cell.condition, cell.reasoner, cell.skills)
+            self.where.check(cell.level, cell.condition, cell.reasoner, cell.skills)
 
     def __len__(self) -> int:
         return len(self.cells) * self.trials
@@ -154,6 +156,7 @@ class Experiment:
             "cells": [
                 {
                     "task": asdict(c.task),
+                    "level": c.level,
                     "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
                     "reasoner": c.names[-1],
                     "reasoner_file": _reasoner_file(c.reasoner),
@@ -303,7 +306,14 @@ def _cells(block: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[Cell]
     drawn = [level.on(parse_condition(entry)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
     for task, drawing, (name, settings) in product(tasks, drawn, minds):
-        yield Cell(task=task, condition=drawing, reasoner=name, vlm=settings, skills=skills)
+        yield Cell(
+            task=task,
+            level=level.name,
+            condition=drawing,
+            reasoner=name,
+            vlm=settings,
+            skills=skills,
+        )
 
 
 def _reasoner(entry: Any, asked: Mapping[str, Any]) -> tuple[str, Settings | None]:

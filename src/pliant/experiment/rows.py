@@ -56,7 +56,7 @@ def trial_row(trial: Trial) -> Row:
     return {
         "trial_id": trial.trial_id,
         "cell": trial.cell,
-        "level": trial.task.level,
+        "level": trial.level,
         "peg": trial.task.peg.name,
         "skills": trial.skills,
         "condition": trial.condition,
@@ -87,7 +87,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") 
         trial={
             "trial_id": spec.trial_id,
             "cell": cell,
-            "level": spec.task.level,
+            "level": spec.level,
             "peg": spec.task.peg.name,
             "skills": spec.skills,
             "condition": spec.condition.name,

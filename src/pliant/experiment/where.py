@@ -13,7 +13,6 @@ from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.experiment import oracle
 from pliant.skills import PLANAR
-from pliant.task import Task
 from pliant.ur5e import configuration as ur5e
 from pliant.vision.measure import SIMULATED, Colours
 
@@ -84,7 +83,7 @@ class Where:
         text = json.dumps(content, sort_keys=True)
         return {"kind": self.kind, "configuration": hashlib.sha256(text.encode()).hexdigest()}
 
-    def check(self, task: Task, condition: Condition, reasoner: str, skills: str) -> None:
+    def check(self, level: str, condition: Condition, reasoner: str, skills: str) -> None:
         """Whether trials of this kind can be had here. A person sets one place and one angle, sees
         through one camera and does not know the whole truth; an emulated cell does as much, with
         the paper's friction besides.
@@ -98,12 +97,12 @@ class Where:
         foreign = [name for name in condition.ranges if name not in known]
         if foreign:
             raise InputError(
-                f"condition '{condition.name}' on level {task.level} draws {', '.join(foreign)},"
+                f"condition '{condition.name}' on level {level} draws {', '.join(foreign)},"
                 f" which nobody can set at {cell}: choose a condition and a level that draw only"
                 f" {', '.join(known)}"
             )
-        if self.kind == "emulator" and task.level != "L0":
-            raise InputError(f"level {task.level}: {cell} has the holes of L0 only; leave it out")
+        if self.kind == "emulator" and level != "L0":
+            raise InputError(f"level {level}: {cell} has the holes of L0 only; leave it out")
         if skills != PLANAR:
             raise InputError(
                 f"the {skills} skills look with several cameras, and {cell} has one: --skills"

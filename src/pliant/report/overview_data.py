@@ -138,7 +138,7 @@ def _condition(condition: str, cell: Mapping[str, Any] | None) -> list[str]:
     if condition in CONDITIONS or cell is None:
         return ["--condition", condition]
     ranges = cell["condition"].get("ranges", {})
-    level = shipped_levels().get(cell["task"].get("level", "L0"))
+    level = shipped_levels().get(cell["level"])
     if level is not None:  # draws its own
         ranges = {q: r for q, r in ranges.items() if list(level.ranges.get(q, ())) != list(r)}
     options = ["--condition", "none"]

@@ -61,7 +61,7 @@ def _headline(trial: Trial, title: str) -> Html:
         ("reasoner", reasoner),
         ("executions", f"{len(trial.executions)}{of_which(trial.executions)}"),
         ("simulated time", f"{words.number(trial.simulated_s)} s"),
-        ("task level", trial.task.level),
+        ("level", trial.level),
         ("trial", trial.trial_id),
         *_model_calls(trial),
     ]

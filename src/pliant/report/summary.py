@@ -11,6 +11,7 @@ from typing import Any
 from pliant.errors import InputError
 from pliant.experiment import journal, results, tables
 from pliant.experiment.measures import Row
+from pliant.records import SCHEMA
 from pliant.store import RUN
 
 Document = Mapping[str, Any]
@@ -69,6 +70,11 @@ def _run(folder: Path) -> Document:
     path = folder / RUN
     try:
         run = json.loads(path.read_bytes())
+        if run["schema"] != SCHEMA:
+            raise InputError(
+                f"'{path}' has schema {run['schema']!r}; this pliant reads {SCHEMA}: use the one"
+                " that wrote it"
+            )
         cells = run["configuration"]["cells"]
         for cell in cells:
             _names(cell)
@@ -86,8 +92,8 @@ def _run(folder: Path) -> Document:
 
 
 def _names(cell: Document) -> Names:
-    task = cell["task"]
-    return task["level"], task["peg"]["name"], cell["condition"]["name"], cell["reasoner"]
+    peg, condition = cell["task"]["peg"]["name"], cell["condition"]["name"]
+    return cell["level"], peg, condition, cell["reasoner"]
 
 
 def _names_of(trial: Row) -> Names:

@@ -179,8 +179,9 @@ class UrCell:
         peg = task.peg.name
         if peg not in shipped_pegs() or task != load_task(peg):
             raise InputError(
-                f"the emulated cell has the shipped pegs only ({', '.join(shipped_pegs())}) and the"
-                f" holes of level L0, not '{peg}' on {task.level}"
+                f"the emulated cell has the shipped pegs only ({', '.join(shipped_pegs())}) and"
+                f" their own holes, not '{peg}' with {task.hole.clearance * 1e3:g} mm of play and"
+                f" {task.depth * 1e3:g} mm to go"
             )
         try:
             admin.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())
