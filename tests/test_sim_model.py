@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from stand_ins import PEGS, cell_for, prepared
 
 from pliant.conditions import Setup
+from pliant.menagerie import UR5E, menagerie_file
 from pliant.pose import Axis, Pose
 from pliant.sim import constants as c
 from pliant.sim.arm import Profile
-from pliant.sim.assets import UR5E, menagerie_file
 from pliant.sim.board import contains, hole_outline, hole_prisms
 from pliant.sim.cell import SimRobot
 from pliant.sim.model import ARM_JOINTS, BOARD, HINGE_SITE, PEG, TIP_SITE, WRIST, build

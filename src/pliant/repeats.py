@@ -12,10 +12,11 @@ from pliant.pose import Axis, Pose
 from pliant.records import Execution
 from pliant.vision.scene import Measured, Scene
 
-SAME_GOAL_M, SAME_GOAL_RAD = 0.0005, math.radians(0.25)
-"""Of commanded poses: half of the least change that a plan in whole millimetres can make."""
-SAME_POSE_M, SAME_POSE_RAD = 0.0005, math.radians(0.25)
-"""Of measured poses: half of what the pose check lets pass as reached."""
+SAME_GOAL_M, SAME_GOAL_RAD = 0.0009, math.radians(0.5)
+"""Of commanded poses: less than the least change that a plan in whole millimetres can make. Guided
+skills correct what they are sent to by a few tenths each time."""
+SAME_POSE_M, SAME_POSE_RAD = 0.001, math.radians(0.5)
+"""Of measured poses: what the pose check lets pass as the same goal reached."""
 SAME_SEEN_M, SAME_SEEN_RAD = 0.001, math.radians(1.0)
 """Of what a picture shows, tip, depth and lean: blind retries in simulation, which end at the same
 place, are measured up to 0.6 mm and 0.2 deg apart."""

@@ -15,13 +15,10 @@ where the cross product does not do, a list of cells:
 that it names, pegs, reasoners and goals, are looked for from its own folder.
 """
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cached_property, lru_cache
-from importlib.metadata import version
-from importlib.resources import files
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -31,13 +28,12 @@ import yaml
 from pliant import teaching
 from pliant.conditions import CONDITIONS, Condition, condition
 from pliant.errors import InputError, unknown
-from pliant.experiment import oracle
+from pliant.experiment import decides, oracle
 from pliant.experiment.one import Spec
 from pliant.experiment.where import Where
-from pliant.formations import Formation
 from pliant.levels import FIELDS, load_level
 from pliant.paths import located
-from pliant.reasoners import REASONERS, VLM, located_reasoner, own_file, reasoner
+from pliant.reasoners import REASONERS, VLM, located_reasoner, reasoner
 from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
@@ -52,11 +48,6 @@ MOST_SEED = 2**32
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
 _FIELDS = (*_BLOCK, "level", "skills", "cells", "trials", "first_seed", "goals", "vlm")
 _CELL_FIELDS = (*_BLOCK.values(), "level", "skills")
-_CANNOT_DECIDE = (
-    *("cli", "calibration", "commissioning", "report", "export", "envs", "emulator"),
-    *("experiment", "store.py"),
-)
-_DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py")  # of the experiment's own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +139,7 @@ class Experiment:
     @cached_property
     def document(self) -> dict[str, Any]:
         """Everything that decides outcomes, as JSON: pegs and conditions in full, content hashes of
-        goals, of a user's reasoner file and of pliant's own code, and versions."""
+        goals and of a user's reasoner file, and what is installed (`decides`)."""
         return {
             "schema": SCHEMA,
             "trials": self.trials,
@@ -159,22 +150,28 @@ class Experiment:
                     "level": c.level,
                     "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
                     "reasoner": c.names[-1],
-                    "reasoner_file": _reasoner_file(c.reasoner),
+                    "reasoner_file": decides.reasoner_file(c.reasoner),
                     "vlm": None if c.vlm is None else asdict(c.vlm),
                     "skills": c.skills,
                 }
                 for c in self.cells
             ],
             "cell": self.where.document,
-            "goals": _goals_digest(self.teaching()),
-            "code": _code_digest(),
-            "versions": {name: version(name) for name in ("pliant", "mujoco", "numpy")},
+            "goals": decides.goals(self.teaching()),
+            **decides.installation(models=self.where.kind == "sim", vlm=bool(self.models)),
         }
+
+    @property
+    def expected(self) -> dict[str, dict[str, Any]]:
+        """What a worker must find installed, by reasoner. Nothing where no worker simulates."""
+        if self.where.kind != "sim":
+            return {}
+        return {c.reasoner: decides.expected(c.spec(0)) for c in self.cells}
 
     @property
     def fingerprint(self) -> str:
         """Content hash of `document`: an output folder belongs to one fingerprint."""
-        return _digest(json.dumps(self.document, sort_keys=True).encode())
+        return decides.digest(json.dumps(self.document, sort_keys=True).encode())
 
 
 def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
@@ -380,47 +377,3 @@ def _name(what: str, value: Any) -> str:
 def _whole(name: str, value: Any, least: int, most: int) -> None:
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise InputError(f"{name} is {value!r}: it must be a whole number from {least} to {most}")
-
-
-# --- fingerprints --------------------------------------------------------------------------------
-
-
-def _digest(*parts: bytes) -> str:
-    total = hashlib.sha256()
-    for part in parts:
-        total.update(hashlib.sha256(part).digest())
-    return total.hexdigest()
-
-
-def _reasoner_file(name: str) -> str | None:
-    """Content hash of a user's reasoner file; what that file imports is not followed."""
-    own = own_file(name)
-    return _digest(own[0].read_bytes()) if own is not None and own[0].is_file() else None
-
-
-def _goals_digest(taught: Teaching) -> str:
-    goals = {f: {a: float(v) for a, v in g.items()} for f, g in taught.goals.formations.items()}
-    peg = asdict(load_task(next(iter(taught.demonstrations.values())).peg))
-    pictures = (taught.demonstrations[f].view.image.tobytes() for f in Formation)
-    return _digest(json.dumps([goals, peg], sort_keys=True).encode(), *pictures)
-
-
-@lru_cache(maxsize=1)
-def _code_digest() -> str:
-    """Content hash of the package's files that a trial's outcome can depend on."""
-    root = Path(str(files("pliant")))
-    kept = [root / "experiment" / name for name in _DECIDE]
-    kept += [
-        path
-        for path in root.rglob("*")
-        if path.is_file()
-        and path.suffix != ".pyc"
-        and path.relative_to(root).parts[0] not in _CANNOT_DECIDE
-    ]
-    return _digest(
-        *(
-            part
-            for p in sorted(kept)
-            for part in (str(p.relative_to(root)).encode(), p.read_bytes())
-        )
-    )

@@ -81,6 +81,7 @@ def run(
     folder = located(folder)  # a worker's current folder may be another
     record, replay = (None if path is None else located(path) for path in (record, replay))
     goals = None if experiment.goals is None else str(located(experiment.goals))
+    expected = experiment.expected  # as planned: a file may be changed while it runs
     prepare(experiment, folder)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
@@ -101,6 +102,7 @@ def run(
                 save=save,
                 record=record,
                 replay=replay,
+                expected=expected.get(spec.reasoner),
             )
             for spec, offset in zip(experiment.specs(), place.offsets, strict=True)
             if offset < 0

@@ -1,13 +1,15 @@
 """What a worker does with one trial: performs it in a simulated cell, keeps its record if asked."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pliant import store, teaching
+from pliant.experiment import decides
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.rows import Rows, rows_of
 from pliant.task import Task
@@ -42,14 +44,18 @@ class Job:
     save: Save
     record: Path | None = None
     replay: Path | None = None
+    expected: Mapping[str, Any] | None = None  # what must be installed where it is performed
 
 
 def perform_job(job: Job) -> Rows:
     """Perform a trial. Its record and trajectory are on the disk before its rows are returned.
 
     Raises:
-        InputError: there is no OpenGL, or the record cannot be written.
+        InputError: there is no OpenGL, the record cannot be written, or something that decides
+            outcomes is another here than where the experiment was planned.
     """
+    if job.expected is not None:
+        decides.check(job.spec, job.expected)
     cell = _cell(job.spec.task)
     trial = perform(
         job.spec,

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.sim.assets import GRIPPER, menagerie_file
+from pliant.menagerie import GRIPPER, menagerie_file
 
 _CLOSED = 255.0  # of the actuator's range
 _QUARTER_TURN = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]  # about z

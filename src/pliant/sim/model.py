@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from pliant.menagerie import UR5E, menagerie_file
 from pliant.pose import Axis
 from pliant.sim import constants as c
 from pliant.sim import strange
-from pliant.sim.assets import UR5E, menagerie_file
 from pliant.sim.board import (
     area,
     convex_pieces,
