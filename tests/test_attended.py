@@ -19,7 +19,7 @@ from pliant.commissioning.attending import Attending
 from pliant.commissioning.operator import AtTerminal
 from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
-from pliant.experiment import journal, labels, results, runner
+from pliant.experiment import journal, labels, results, runner, tables
 from pliant.experiment.attended import Attended
 from pliant.experiment.one import Spec
 from pliant.experiment.plan import Experiment, from_fields
@@ -243,8 +243,10 @@ def test_a_fault_of_the_cell_is_a_result(tmp_path: Path, desk: Desk) -> None:
     desk.sits_down("y", "n")
     assert attend(desk, tmp_path, periods=LATER).complete
     (row,) = recorded(tmp_path)
-    assert (row["end_reason"], row["failure_kind"]) == ("fault:protective_stop", "fault")
+    assert (row["end_reason"], row["failure_kind"]) == ("fault:protective_stop", "cell_fault")
     assert "ended by fault:protective_stop: the arm has braked" in desk.shown
+    (cell,) = tables.build(tmp_path)["cells"]
+    assert (cell["n"], cell["faults"], cell["inserted"]["percent"]) == (1, 0, 0.0)
 
 
 def test_a_cell_that_cannot_be_prepared_ends_it_without_a_result(

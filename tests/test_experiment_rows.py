@@ -86,7 +86,8 @@ DONE = execution(Formation.INSERTION, success=True)
         ("missed_edge", trial((FIT, BEYOND), (FIT, SEATED), (ALIGN, BEFORE))),
         ("wedged", trial((FIT, BEFORE), (FIT, SEATED), (PUSH, SEATED))),
         ("compression_stop", trial((FIT, SEATED), (STOPPED, SEATED))),
-        ("fault", trial((FIT, SEATED), (PUSH, INSIDE), end="fault:unreachable")),
+        ("cell_fault", trial((FIT, SEATED), (PUSH, INSIDE), end="fault:unreachable")),
+        ("fault", trial((FIT, SEATED), (PUSH, INSIDE), end="fault:camera")),
         (None, trial((FIT, SEATED), (PUSH, SEATED), known=False)),
     ],
 )

@@ -29,6 +29,7 @@ HERE = Path(__file__).parent
 TRIALS = 40  # per cell
 KILLS = 6
 EVERY_S = 0.02
+KILLED = "exit status -9: it was killed, as happens where memory runs out"
 
 
 # --- what the workers do: no simulation ----------------------------------------------------------
@@ -59,6 +60,10 @@ def troubled(job: Job) -> Rows:
 
 def refused(job: Job) -> Rows:
     raise InputError("no OpenGL to draw pictures with")
+
+
+def line_of(code: str) -> int:
+    return 1 + next(n for n, t in enumerate(Path(__file__).read_text().splitlines()) if code in t)
 
 
 # --- helpers -------------------------------------------------------------------------------------
@@ -186,11 +191,15 @@ def test_deaths_and_time_outs_are_recorded_after_three_tries_and_block_nobody(
 ) -> None:
     one = experiment(6, reasoners=["rules"])
     done = run(one, tmp_path, workers=2, work=troubled, time_limit_s=0.4)
-    assert done == Finished(total=6, done=6, resumed=0, errors=done.errors)
+    assert done == Finished(total=6, done=6, resumed=0, faults=done.faults)
     ends = {r["seed"]: (r["end_reason"], r["fault"]) for r in outcomes(tmp_path)[0].to_pylist()}
-    assert ends[2] == ("fault:worker", "the worker process died (exit status -9), 3 times")
+    assert ends[2] == ("fault:worker", f"the worker process died ({KILLED}), 3 times")
     assert ends[3] == ("fault:timeout", "the trial took longer than 0.4 s, 3 times")
-    assert ends[4] == ("fault:error", "ZeroDivisionError: by a user's reasoner")
+    where = f"{HERE.name}/{Path(__file__).name}:{line_of('raise ZeroDivisionError')}"
+    assert ends[4][0] == "fault:error"
+    assert ends[4][1].startswith("ZeroDivisionError: by a user's reasoner (")
+    assert ends[4][1].endswith(f"{where})")
+    assert done.faults == 3
     assert ends[5][0] == ends[1][0] == "fault:made_up"
 
 
@@ -270,7 +279,7 @@ def test_two_workers_and_one_process_simulate_the_same_trials(tmp_path: Path) ->
     plan = from_fields(
         {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules", "none"], "trials": 2}
     )
-    assert run(plan, tmp_path, workers=2, save=Save.FAILURES).errors == 0
+    assert run(plan, tmp_path, workers=2, save=Save.FAILURES).faults == 0
     from pliant.sim.cell import SimCell  # not above: every made-up worker would wait for MuJoCo
 
     cell = SimCell()

@@ -63,7 +63,7 @@ def notes(folder: Path, node: str) -> int:
 
 def drive(address: str, folder: str) -> None:
     """The driver: a process of its own, because Ray reads its token once in a process."""
-    assert run(plan(), Path(folder), ray=address, work=noted).errors == 0
+    assert run(plan(), Path(folder), ray=address, work=noted).faults == 0
 
 
 class Process:

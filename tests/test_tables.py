@@ -130,13 +130,52 @@ def test_tables_are_written_beside_the_data_and_do_not_depend_on_wall_time(folde
     assert (folder / "tables.json").read_bytes() == text
 
 
-def test_a_fault_counts_as_not_inserted_and_an_unlabelled_trial_not_at_all() -> None:
-    fault = {**made(1, False).trial, "inserted": None, "end_reason": "fault:worker"}
+def faulted(seed: int, kind: str = "reasoner", *, said: str = "no", **changes: Any) -> Rows:
+    """A trial that a fault ended before anything was known of it."""
+    end = {"inserted": None, "depth_m": None, "failure_kind": "fault"}
+    return made(seed, False, **{**end, "end_reason": f"fault:{kind}", "fault": said, **changes})
+
+
+def test_what_nobody_measured_or_labelled_is_in_no_rate_and_what_the_cell_ended_is() -> None:
     unlabelled = {**made(2, False).trial, "inserted": None}
-    assert measures.inserted(fault) is False
+    assert measures.inserted(faulted(1).trial) is None
+    assert measures.inserted(faulted(1, "protective_stop").trial) is False
+    assert measures.inserted(faulted(1, "of_a_cell_of_my_own").trial) is False
     assert measures.inserted(unlabelled) is None
     assert measures.rate([True, False, None])["n"] == 2
     assert measures.rate([None])["percent"] is None
+
+
+def test_faults_stand_beside_the_rates_and_in_none_of_them(tmp_path: Path) -> None:
+    good = [made(s, s <= 3, executions=(step("fit", to="fit"),)) for s in range(1, 5)]
+    bad = [faulted(s, executions=(step("fit", to="align"),)) for s in range(5, 7)]
+    results.write_rows(tmp_path, [*good, *bad, faulted(1, peg="square", said="1/0 (mine.py:3)")])
+    document = tables.build(tmp_path)
+    circle, square = document["cells"]
+    assert (circle["n"], circle["faults"]) == (4, 2)
+    assert (circle["inserted"]["successes"], circle["inserted"]["n"]) == (3, 4)
+    assert circle["judged"]["n"] == 4
+    assert circle["failure_kinds"] == {"wedged": 1, "fault": 2}
+    assert document["transitions"][0]["counts"] == {"fit": {"fit": 4, "align": 0, "insertion": 0}}
+    assert square["inserted"]["percent"] is None
+    assert square["said"] == [{"text": "fault:reasoner: 1/0 (mine.py:3)", "n": 1}]
+    text = markdown(document)
+    assert "| circle | all | rules | 4 | 2 | 75.0 [30.1, 95.4] of 4 |" in text
+    assert "| square | all | rules | 0 | 1 | faults | faults | – | – | – |" in text
+    assert "| square | all | rules | 1 | fault:reasoner: 1/0 (mine.py:3) |" in text
+    assert "0.0 [" not in text
+    assert "--again faults" in text
+
+
+def test_a_level_and_a_scenario_of_nothing_but_faults_have_no_percentage(tmp_path: Path) -> None:
+    rows = [faulted(1, level="L4"), faulted(1, level="wrong_peg", peg="square")]
+    results.write_rows(tmp_path, rows)
+    document = tables.build(tmp_path)
+    for row in (*document["ladder"], *document["scenarios"]):
+        assert (row["n"], row["faults"], row["executions"]) == (0, 1, None)
+    text = markdown(document)
+    assert "| L4 | planar | rules | 1 | faults | – | – | – | – | – | 1 fault |" in text
+    assert "| wrong_peg | rules | 1 | stop | faults |" in text
 
 
 def test_depth_and_grasp_angle_are_counted_in_steps() -> None:

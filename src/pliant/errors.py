@@ -7,7 +7,17 @@
 Anything else that is raised is a defect.
 """
 
+import os
+import sysconfig
+import traceback
 from collections.abc import Iterable
+from pathlib import Path
+
+_LIBRARIES = (
+    str(Path(__file__).parent) + os.sep,
+    *(sysconfig.get_path(name) + os.sep for name in ("stdlib", "purelib", "platlib")),
+    "<",  # made at run time, as dataclasses do
+)
 
 
 class PliantError(Exception):
@@ -36,3 +46,25 @@ def unknown(what: str, value: object, valid: Iterable[object], advice: str = "")
     return InputError(
         f"unknown {what} '{value}': valid are {names}{'; ' + advice if advice else ''}"
     )
+
+
+def users_frames(error: BaseException) -> list[traceback.FrameSummary]:
+    """Where an exception passed through code that is neither pliant's nor an installed library's,
+    outermost first."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return [frame for frame in frames if not frame.filename.startswith(_LIBRARIES)]
+
+
+def described(error: BaseException) -> str:
+    """An exception in one line: its type, its message, and the last line of the user's own code
+    that it passed; without such, the last line of all."""
+    message = " ".join(str(error).split())
+    frames = users_frames(error) or list(traceback.extract_tb(error.__traceback__))
+    text = type(error).__name__ + (f": {message}" if message else "")
+    return text + "".join(f" ({line_of(f.filename, f.lineno)})" for f in frames[-1:])
+
+
+def line_of(file: str, line: int | None) -> str:
+    """A line of a file, named as shortly as it can be from here."""
+    path, here = Path(file), Path.cwd()
+    return f"{path.relative_to(here) if path.is_relative_to(here) else path}:{line}"

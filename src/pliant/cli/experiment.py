@@ -4,7 +4,7 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
@@ -40,6 +40,7 @@ def experiment(
     ray: str | None = None,
     save: Annotated[Save, tyro.conf.EnumChoicesFromValues] = Save.NONE,
     time_limit_s: float = runner.TIME_LIMIT_S,
+    again: Literal["faults"] | None = None,
     yes: bool = False,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
     model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
@@ -67,6 +68,7 @@ def experiment(
         ray: address of a Ray cluster to run on instead.
         save: whose trials' full records to keep; of other cells, all are.
         time_limit_s: of one trial, after which its worker is ended.
+        again: faults repeats the trials in which nothing was measured, and no others.
         yes: do not ask before a hosted model is paid.
         ranges: ranges in place of the conditions' own.
         model: the model behind the reasoner vlm.
@@ -112,6 +114,7 @@ def experiment(
             record=model.record,
             replay=model.replay,
             engine=engine,
+            again=again is not None,
         )
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
@@ -119,6 +122,15 @@ def experiment(
     text = markdown(tables.write(out))
     console.print(text, markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {shown(out)}", markup=False, highlight=False)
+    if ended.faults:
+        console.print(
+            f"{ended.faults} of {ended.total} trials were faults, of which nothing is known: see"
+            f" above, mend the cause, and the same command with {runner.AGAIN} repeats them",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
+        return 1
     return 0
 
 

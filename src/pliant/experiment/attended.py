@@ -13,7 +13,8 @@ from typing import Protocol
 
 from pliant import store
 from pliant.cell import Truth, Workcell
-from pliant.errors import InputError
+from pliant.errors import InputError, described
+from pliant.experiment import faults
 from pliant.experiment.engine import Ended
 from pliant.experiment.one import INTERRUPTED, Spec, perform
 from pliant.experiment.plan import Experiment
@@ -77,9 +78,8 @@ class Attended:
             )
         except InputError:
             raise
-        except Exception as error:  # a user's reasoner may raise anything
-            message = f"{type(error).__name__}: {error}"
-            return [Ended(job=job, problem="error", message=message)]
+        except Exception as error:  # a user's cell may raise anything
+            return [Ended(job=job, problem=faults.ERROR, message=described(error))]
         return [] if trial is None else [Ended(job=job, rows=rows_of(trial))]
 
     def close(self) -> None:

@@ -20,7 +20,8 @@ KINDS = {
     "false_reject": "inserted, and not judged so",
     "not_inserted": "not inserted, as a person saw it; where the peg was, nobody measured",
     "gave_up": "the reasoner stopped, or the trial ended before any Fit",
-    "fault": "the cell, the reasoner or the worker failed: see end_reason and fault",
+    "cell_fault": "the cell ended it, as by a protective stop: see end_reason and fault",
+    "fault": "nothing was measured: reasoner, worker or wiring failed; see end_reason and fault",
 }
 """The values of failure_kind; `rows.failure_kind` says how each is decided from the truth."""
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
-from pliant.errors import InputError
+from pliant.errors import InputError, described
+from pliant.experiment import faults
 from pliant.experiment.rows import Rows
 from pliant.experiment.work import Job
 
@@ -58,8 +59,8 @@ def answer(work: Work, job: Job) -> tuple[str, Any]:
         return "rows", work(job)
     except InputError as error:
         return "refused", str(error)
-    except Exception as error:  # a user's reasoner may raise anything: the trial's end, not ours
-        return "error", f"{type(error).__name__}: {error}"
+    except (Exception, SystemExit) as error:  # a user's code may raise anything
+        return faults.ERROR, described(error)
 
 
 def ended(job: Job, kind: str, content: Any) -> Ended:
@@ -145,14 +146,14 @@ class Local:
         status = worker.process.exitcode
         self._replace(worker)
         if worker.job is not None:
-            message = f"the worker process died (exit status {status})"
-            return Ended(job=worker.job, problem="worker", message=message)
+            message = f"the worker process died ({_of_what(status)})"
+            return Ended(job=worker.job, problem=faults.WORKER, message=message)
         if not worker.ready:
             self._stillborn += 1
         by_itself = status is not None and status >= 0
         if self._stillborn >= (BROKEN_MOST if by_itself else STILLBORN_MOST):
             raise InputError(
-                f"worker processes die as they start (exit status {status}): see the messages"
+                f"worker processes die as they start ({_of_what(status)}): see the messages"
                 " above; a script that runs experiments needs 'if __name__ == \"__main__\":'"
             )
         return None
@@ -164,11 +165,19 @@ class Local:
         worker.process.join(_JOIN_S)
         self._replace(worker)
         message = f"the trial took longer than {self._time_limit_s:g} s"
-        return Ended(job=worker.job, problem="timeout", message=message)
+        return Ended(job=worker.job, problem=faults.TIMEOUT, message=message)
 
     def _replace(self, worker: "_Worker") -> None:
         worker.connection.close()
         self._workers[self._workers.index(worker)] = self._spawn()
+
+
+def _of_what(status: int | None) -> str:
+    """An exit status, with what it means most of the time."""
+    often = {-signal.SIGSEGV: ": it crashed", -signal.SIGABRT: ": it crashed"}
+    if hasattr(signal, "SIGKILL"):
+        often[-signal.SIGKILL] = ": it was killed, as happens where memory runs out"
+    return f"exit status {status}{often.get(status or 0, '')}"
 
 
 @dataclass(kw_only=True, eq=False)

@@ -9,6 +9,7 @@ runs again.
 import errno
 import json
 import os
+import shutil
 import sys
 import zlib
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from pliant.errors import InputError
+from pliant.experiment import faults
 from pliant.experiment.rows import Rows
 from pliant.files import write_bytes
 
@@ -26,16 +28,20 @@ FILE = "journal.jsonl"
 _APPEND = os.O_RDWR | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)  # never through a link
 _ROWS, _CRC = b',"rows":', b',"crc":'
 _MOST_LINE = 1 << 26  # [bytes]
+_FAULT = b'"end_reason":"%s' % faults.PREFIX.encode()
+_LEAST_FREE = 16_000_000  # [bytes] a trial's whole record, and a little
 _BUFFER = 1 << 18  # [bytes]; Python's own is shorter than a line, which makes reading 6 x slower
 
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A whole line: whose it is, what came of it, and where in the file it starts [bytes]."""
+    """A whole line: whose it is, what came of it, and where in the file it starts [bytes]. `fault`
+    says why nothing was measured; empty: it was."""
 
     trial_id: str
     inserted: bool | None
     offset: int
+    fault: str = ""
 
 
 def scan(path: Path) -> Iterator[Entry]:
@@ -91,10 +97,12 @@ def rows_at(path: Path, offsets: Iterator[int]) -> Iterator[Rows]:
 
 
 class Journal:
-    """The journal, open for appending by one process at a time. Use it as a context.
+    """The journal, open for appending by one process at a time. Use it as a context. All that a
+    finished trial will need of the file system is tried as it opens.
 
     Raises:
-        InputError: it cannot be opened, or another process is writing to it.
+        InputError: it cannot be opened, another process is writing to it, or its file system is
+            full, or can neither lock a file nor say when one is on the disk.
     """
 
     def __init__(self, path: Path) -> None:
@@ -103,6 +111,7 @@ class Journal:
         try:
             self._file = os.open(path, _APPEND | os.O_CREAT, 0o644)
             _lock(self._file, path)
+            _see_that_it_keeps(self._file, path)
             self.torn = torn_bytes(path)
             if self.torn:
                 os.ftruncate(self._file, os.path.getsize(path) - self.torn)  # noqa: PTH202
@@ -151,6 +160,7 @@ class Journal:
         write_bytes(self.path, b"".join(lines))
         self._file = os.open(self.path, _APPEND)
         _lock(self._file, self.path)
+        os.fsync(self._file)
         os.close(old)
 
 
@@ -163,6 +173,14 @@ def encoded(rows: Rows) -> bytes:
     }
     body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()[:-1]
     return b"%b%b%d}\n" % (body, _CRC, zlib.crc32(body))
+
+
+def _fault(line: bytes, path: Path) -> str:
+    """Only a line that has the mark of one is parsed; in a string its quotes would be escaped."""
+    if _FAULT not in line:
+        return ""
+    trial = _rows(line, path).trial
+    return faults.told(trial) if faults.is_fault(trial) else ""
 
 
 def _check(line: bytes, number: int | None, path: Path) -> None:
@@ -184,7 +202,8 @@ def _entry(line: bytes, offset: int, number: int, path: Path) -> Entry:
     """The head of a line. Its checksum only says that it is as somebody wrote it."""
     match _parsed(line.partition(_ROWS)[0] + b"}"):
         case {"trial_id": str(trial_id), "inserted": bool() | None as inserted}:
-            return Entry(trial_id=trial_id, inserted=inserted, offset=offset)
+            fault = _fault(line, path)
+            return Entry(trial_id=trial_id, inserted=inserted, offset=offset, fault=fault)
     raise _damaged(number, path)
 
 
@@ -218,6 +237,32 @@ def _lock(file: int, path: Path) -> None:
             f"another experiment is writing to '{path.parent}': wait for it, or choose another"
             " folder"
         ) from error
+    except OSError as error:
+        os.close(file)
+        raise _elsewhere(path, f"cannot lock a file ({error.strerror})") from error
+
+
+def _see_that_it_keeps(file: int, path: Path) -> None:
+    """Before anything moves: a trial whose end cannot be written down is lost."""
+    free = shutil.disk_usage(path.parent).free
+    if free < _LEAST_FREE:
+        raise InputError(
+            f"only {free / 1e6:.1f} MB are free in '{path.parent}', and {_LEAST_FREE / 1e6:.0f} MB"
+            " are needed to begin: free space, or choose another folder"
+        )
+    try:
+        os.fsync(file)
+    except OSError as error:
+        raise _elsewhere(
+            path, f"cannot say when a file is on the disk (fsync: {error.strerror})"
+        ) from error
+
+
+def _elsewhere(path: Path, why: str) -> InputError:
+    return InputError(
+        f"'{path.parent}' is on a file system that {why}, so a finished trial could be lost: choose"
+        " a folder on a disk of this machine"
+    )
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

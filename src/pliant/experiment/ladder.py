@@ -43,30 +43,42 @@ def _is_scenario(level: str) -> bool:
     return known is not None and known.is_scenario
 
 
-def _row(key: _Key, trials: Sequence[Row]) -> dict[str, Any]:
+def _row(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
     level, skills, reasoner = key
-    pegs = list(dict.fromkeys(t["peg"] for t in trials))
+    pegs = list(dict.fromkeys(t["peg"] for t in every))
+    trials = measures.measured(every)
     return {
         "level": level,
         "skills": skills,
         "reasoner": reasoner,
         "n": len(trials),
+        "faults": len(every) - len(trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
         "wrong": measures.rate(measures.inserted(t) != t["judged"] for t in trials),
         "false_accepts": measures.rate(t["judged"] and not measures.inserted(t) for t in trials),
-        "moves": median(t["moves"] for t in trials),
-        "executions": sum(t["executions"] for t in trials) / len(trials),
-        "simulated_s": median(t["simulated_s"] for t in trials),
+        **_effort(trials),
         "pegs": {
             peg: measures.rate(measures.inserted(t) for t in trials if t["peg"] == peg)
             for peg in pegs
         },
-        "failure_kinds": measures.kinds(trials),
+        "failure_kinds": measures.kinds(every),
     }
 
 
-def _scenario(key: _Key, trials: Sequence[Row]) -> dict[str, Any]:
+def _effort(trials: Sequence[Row]) -> dict[str, float | None]:
+    """Median motions and simulated time [s], mean executions; None where there is no trial."""
+    if not trials:
+        return {"moves": None, "executions": None, "simulated_s": None}
+    return {
+        "moves": median(t["moves"] for t in trials),
+        "executions": sum(t["executions"] for t in trials) / len(trials),
+        "simulated_s": median(t["simulated_s"] for t in trials),
+    }
+
+
+def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
     name, skills, reasoner = key
+    trials = measures.measured(every)
     level = shipped_levels()[name]
     ends = [str(t["end_reason"]) for t in trials]
     return {
@@ -74,6 +86,7 @@ def _scenario(key: _Key, trials: Sequence[Row]) -> dict[str, Any]:
         "skills": skills,
         "reasoner": reasoner,
         "n": len(trials),
+        "faults": len(every) - len(trials),
         "right": level.right,
         "rightly": measures.rate(_is_right(t, level) for t in trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
@@ -81,8 +94,7 @@ def _scenario(key: _Key, trials: Sequence[Row]) -> dict[str, Any]:
         "exhausted": measures.rate(end in (End.EXHAUSTED, End.REFUSED) for end in ends),
         "cap": measures.rate(end == End.CAP for end in ends),
         "false_accepts": measures.rate(t["judged"] and not measures.inserted(t) for t in trials),
-        "executions": sum(t["executions"] for t in trials) / len(trials),
-        "simulated_s": median(t["simulated_s"] for t in trials),
+        **{k: v for k, v in _effort(trials).items() if k != "moves"},
     }
 
 

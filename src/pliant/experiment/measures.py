@@ -1,8 +1,9 @@
 """What the tables are made of: counts over the rows of trials.parquet and executions.parquet.
 
 Every function is pure and takes rows as dicts, so that a table is a function of the stored records
-alone. A trial that a fault ended counts as not inserted; one whose truth nobody has labelled is
-left out where the truth is needed.
+alone. A trial in which nothing was measured (`faults` says which) is left out of everything but the
+count of faults; one that the cell ended counts as not inserted; one whose truth nobody has labelled
+is left out where the truth is needed.
 """
 
 import math
@@ -14,6 +15,7 @@ from typing import Any
 from pliant.cell import Stop
 from pliant.checks import TILT_TOLERANCE_DEG
 from pliant.conditions import NOMINAL
+from pliant.experiment import faults
 from pliant.experiment.statistics import Pairs, mcnemar, paired_difference, wilson
 from pliant.formations import RECOVERABLE, Formation
 
@@ -24,10 +26,17 @@ _NO_CORRECTION_M = 0.0001  # goals of Align closer than this are the same goal
 
 
 def inserted(trial: Row) -> bool | None:
-    """The paper's G; None where it is not known."""
-    if trial["inserted"] is None and str(trial["end_reason"]).startswith("fault:"):
+    """The paper's G; None where it is not known, or nothing was measured."""
+    if faults.is_fault(trial):
+        return None
+    if trial["inserted"] is None and str(trial["end_reason"]).startswith(faults.PREFIX):
         return False
     return trial["inserted"]
+
+
+def measured(trials: Iterable[Row]) -> list[Row]:
+    """The trials in which the method was measured: those that n counts."""
+    return [t for t in trials if not faults.is_fault(t)]
 
 
 def rate(outcomes: Iterable[bool | None]) -> dict[str, Any]:
@@ -45,8 +54,10 @@ def rate(outcomes: Iterable[bool | None]) -> dict[str, Any]:
     }
 
 
-def extra_executions(trials: Sequence[Row]) -> dict[str, float]:
-    """Average executions beyond the first, per formation."""
+def extra_executions(trials: Sequence[Row]) -> dict[str, float | None]:
+    """Average executions beyond the first, per formation; None where there is no trial."""
+    if not trials:
+        return {str(f): None for f in RECOVERABLE}
     return {str(f): sum(t[f"extra_{f}"] for t in trials) / len(trials) for f in RECOVERABLE}
 
 

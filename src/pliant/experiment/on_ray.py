@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pliant.errors import InputError
+from pliant.experiment import faults
 from pliant.experiment.engine import Ended, Work, answer, ended
 from pliant.experiment.work import Job
 
@@ -64,7 +65,7 @@ class OnRay:
         except self._ray.exceptions.RayError as error:
             first = str(error).strip().splitlines()[0]
             message = f"the worker process died, or overstayed {self._time_limit_s:g} s: {first}"
-            return Ended(job=job, problem="worker", message=message)
+            return Ended(job=job, problem=faults.WORKER, message=message)
         return ended(job, kind, content)
 
 

@@ -11,6 +11,7 @@ from pliant.cell import Robot, Truth, Workcell
 from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
 from pliant.errors import InputError, RobotFault
+from pliant.experiment import faults
 from pliant.experiment.misread import Misread
 from pliant.experiment.oracle import NAME, Oracle
 from pliant.levels import EDGES, load_level
@@ -84,7 +85,8 @@ def perform(
     replay: Path | None = None,
 ) -> Trial:
     """Run a trial to its end. The truth goes into the record, never to the reasoner. A cell that
-    cannot even be prepared gives a trial without executions. A VLM's conversations are kept in the
+    cannot even be prepared gives a trial without executions; a reasoner that raises something ends
+    it as the fault "reasoner", with what was done until then. A VLM's conversations are kept in the
     file `record`, or answered from the file `replay`.
 
     Ctrl-C ends a trial in a real or an emulated cell as the fault "interrupted", whatever was going
@@ -107,13 +109,16 @@ def perform(
     except RobotFault as fault:
         end_reason, why = fault.end_reason, str(fault)
     else:
-        run = composed(spec, robot, setup, teaching, mind, limits=limits, colours=colours)
+        heeded = faults.Heeded(inner=mind)
+        run = composed(spec, robot, setup, teaching, heeded, limits=limits, colours=colours)
         try:
             with closing(iter(run)) as executions:  # left early, it halts the robot
                 for execution in executions:
                     truths.append(cell.truth())
                     if on_execution is not None:
                         on_execution(execution, truths[-1])
+        except faults.ReasonerFault as fault:
+            run.end_reason, run.fault = f"{faults.PREFIX}{faults.REASONER}", str(fault)
         except KeyboardInterrupt:
             if cell.kind == "sim":
                 raise

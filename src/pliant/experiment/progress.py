@@ -14,6 +14,7 @@ from rich.table import Table
 from pliant.experiment.plan import Experiment
 
 _PLAIN_EVERY_S = 30.0
+_FAULTS_SAID = 20  # different ones; the tables have them all
 _CELLS_SHOWN = 24  # more do not fit a screen: then those that are being worked on
 
 
@@ -27,11 +28,12 @@ class Watcher(Protocol):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None: ...
-    def known(self, cell: int, inserted: bool | None) -> None:
-        """A trial of that cell was finished before this start."""
+    def known(self, cell: int, inserted: bool | None, fault: str = "") -> None:
+        """A trial of that cell was finished before this start; `fault` says what kept it from being
+        measured."""
         ...
 
-    def finished(self, cell: int, inserted: bool | None) -> None:
+    def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         """A trial of that cell is finished now."""
         ...
 
@@ -42,6 +44,7 @@ class Watcher(Protocol):
 class _Count:
     done: int = 0
     inserted: int = 0
+    faults: int = 0
 
 
 class Shown:
@@ -53,6 +56,7 @@ class Shown:
         self._counts = [_Count() for _ in experiment.cells]
         self._began = self._said = time.monotonic()
         self._done = self._fresh = 0
+        self._faults: set[str] = set()  # said already
         self._bar = Progress(
             TextColumn("trials"),
             BarColumn(),
@@ -81,14 +85,17 @@ class Shown:
             self._live.stop()
         self._console.print(self._line(), highlight=False)
 
-    def known(self, cell: int, inserted: bool | None) -> None:
-        self._count(cell, inserted)
+    def known(self, cell: int, inserted: bool | None, fault: str = "") -> None:
+        self._count(cell, inserted, fault)
 
-    def finished(self, cell: int, inserted: bool | None) -> None:
+    def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         if not self._fresh:  # time left is judged by what is finished now
             self._bar.reset(self._task, completed=self._done)
         self._fresh += 1
-        self._count(cell, inserted)
+        self._count(cell, inserted, fault)
+        if fault and fault not in self._faults and len(self._faults) < _FAULTS_SAID:
+            self._faults.add(fault)
+            self.say(f"{', '.join(self._experiment.cells[cell].names)}: {fault}")
         if not self._console.is_terminal and time.monotonic() - self._said > _PLAIN_EVERY_S:
             self._said = time.monotonic()
             self._console.print(self._line(), highlight=False)
@@ -100,24 +107,30 @@ class Shown:
     def _rate(self) -> float:
         return self._fresh / max(1e-9, time.monotonic() - self._began)
 
-    def _count(self, cell: int, inserted: bool | None) -> None:
+    def _count(self, cell: int, inserted: bool | None, fault: str) -> None:
         self._done += 1
+        self._counts[cell].faults += bool(fault)
         self._counts[cell].done += 1
         self._counts[cell].inserted += inserted is True
 
     def _line(self) -> str:
         inserted, left = sum(c.inserted for c in self._counts), len(self._experiment) - self._done
+        faults = sum(c.faults for c in self._counts)
+        faulted = f", {faults} {'fault' if faults == 1 else 'faults'}" if faults else ""
         rate = f", {self._rate:.1f}/s" if self._fresh else ""
         until = f", {left / self._rate:.0f} s left" if self._fresh and left else ""
-        return f"{self._done} of {len(self._experiment)} trials, {inserted} inserted{rate}{until}"
+        done = f"{self._done} of {len(self._experiment)} trials, {inserted} inserted"
+        return f"{done}{faulted}{rate}{until}"
 
     def _screen(self) -> Group:
         rate = f"{self._rate:.1f}/s" if self._fresh else ""
         self._bar.update(self._task, completed=self._done, rate=rate)
         table = Table(box=None, pad_edge=False, show_header=False)
         for cell, count in self._cells_shown():
-            success = f"{100 * count.inserted / count.done:.0f} % inserted" if count.done else ""
-            table.add_row(*cell, f"{count.done}/{self._experiment.trials}", success)
+            measured = count.done - count.faults
+            success = f"{100 * count.inserted / measured:.0f} % inserted" if measured else ""
+            faulted = f"{count.faults} faults" if count.faults else ""
+            table.add_row(*cell, f"{count.done}/{self._experiment.trials}", success, faulted)
         return Group(table, self._bar)
 
     def _cells_shown(self) -> list[tuple[tuple[str, ...], _Count]]:
@@ -145,10 +158,10 @@ class Silent:
     ) -> None:
         pass
 
-    def known(self, cell: int, inserted: bool | None) -> None:
+    def known(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         pass
 
-    def finished(self, cell: int, inserted: bool | None) -> None:
+    def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         pass
 
     def say(self, text: str) -> None:

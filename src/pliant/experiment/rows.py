@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pliant.cell import Stop, Truth
+from pliant.experiment import faults
 from pliant.experiment.columns import axis_field
 from pliant.experiment.one import Spec
 from pliant.formations import RECOVERABLE, Formation, Step
@@ -97,7 +98,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") 
             "judged": False,
             "inserted": None,
             "depth_m": None,
-            "end_reason": f"fault:{kind}",
+            "end_reason": f"{faults.PREFIX}{kind}",
             "fault": message,
             "executions": 0,
             **{f"extra_{f}": 0 for f in RECOVERABLE},
@@ -159,15 +160,16 @@ def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> R
 def failure_kind(trial: Trial) -> str | None:
     """What went wrong, from the truth; None when nothing did or the truth is not known.
 
-    In order: an end by a fault is "fault"; judged and not inserted "false_accept"; inserted and
+    In order: a fault after which nothing was measured is "fault", another "cell_fault"
+    (`faults` says which); judged and not inserted "false_accept"; inserted and
     not judged "false_reject"; a reasoner that stopped, or a trial without a Fit, "gave_up". Then
     where the peg was, first after the last Fit and then at the end: outside the hole it had
     "missed_edge" short of the hole's centre (Fit travels toward -y) or "overshot" beyond it.
     In the hole it is a "compression_stop" if the last execution was stopped so, else "wedged".
     Where nobody measured the peg's place, it is "not_inserted".
     """
-    if trial.end_reason.startswith("fault:"):
-        return "fault"
+    if trial.end_reason.startswith(faults.PREFIX):
+        return "fault" if faults.is_unmeasured(trial.end_reason) else "cell_fault"
     if trial.inserted is None or (trial.judged and trial.inserted):
         return None
     if trial.judged or trial.inserted:

@@ -6,17 +6,19 @@ command goes on from there, and the results do not depend on who performed what,
 
 import json
 import os
+import re
 from array import array
 from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from pliant import store
 from pliant.errors import InputError
-from pliant.experiment import journal, results
+from pliant.experiment import faults, journal, results
 from pliant.experiment.engine import Ended, Engine, Local, Work
 from pliant.experiment.plan import Experiment, differences
 from pliant.experiment.progress import Silent, Watcher
@@ -25,20 +27,23 @@ from pliant.experiment.work import Job, Save, perform_job
 from pliant.paths import located
 
 TRIES = 3
-LOST = ("worker", "timeout")  # problems that another try may not have
+LOST = (faults.WORKER, faults.TIMEOUT)  # problems that another try may not have
+ALIKE = 3  # of the first trials: when all are faults, and the same, so would the rest be
+AGAIN = "--again faults"
 TIME_LIMIT_S = 600.0
 _LOOK_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """What a call of `run` achieved: trials in all, finished by now, before it began, and those
-    recorded as errors by it. Not `complete`: it was interrupted, and the same call goes on."""
+    """What a call of `run` achieved: trials in all, finished by now, before it began, and of those
+    finished the ones in which nothing was measured. Not `complete`: it was interrupted, and the
+    same call goes on."""
 
     total: int
     done: int
     resumed: int
-    errors: int
+    faults: int
 
     @property
     def complete(self) -> bool:
@@ -58,6 +63,7 @@ def run(
     replay: Path | None = None,
     work: Work = perform_job,
     engine: Engine | None = None,
+    again: bool = False,
 ) -> Finished:
     """Perform what is missing of an experiment in `folder`, then write its Parquet files.
 
@@ -65,12 +71,17 @@ def run(
     if trials are saved. A trial that outlasts `time_limit_s` or kills its worker is tried three
     times in all, then recorded as `fault:timeout` or `fault:worker`. Ctrl-C ends it early. `record`
     and `replay` are folders for the conversations with a VLM, a file per trial. `engine` performs
-    the trials in place of processes or a cluster, and is closed in the end.
+    the trials in place of processes or a cluster, and is closed in the end. `again` repeats the
+    trials in which nothing was measured (`faults` says which): each one's line is replaced when it
+    has ended, and nothing else is touched.
+
+    In a simulated cell physics and drawing are tried first, where the trials will be performed.
 
     Raises:
         InputError: the folder holds something else, another configuration, or a damaged journal;
             something cannot be written; no worker can start; the cluster does not answer; a model
-            cannot be made.
+            cannot be made; nothing can be simulated or drawn; the first trials were all the same
+            fault.
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}: it must be at least 1")
@@ -85,15 +96,26 @@ def run(
     prepare(experiment, folder)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
-        place = _Places(experiment)
+        place, faulted = _Places(experiment), dict[str, str]()
         for entry in journal.scan(path):
             cell = place.put(entry.trial_id, entry.offset, path)
-            seen.known(cell, entry.inserted)
+            if entry.fault:
+                faulted[entry.trial_id] = entry.fault
+            if not (entry.fault and again):
+                seen.known(cell, entry.inserted, entry.fault)
+        repeated = set(faulted) if again else set()
+        for trial_id in repeated:
+            place.forget(trial_id, path)
+            del faulted[trial_id]
         resumed = place.done
         if book.torn:
             seen.say(f"journal: dropped a half-written last line ({book.torn} bytes)")
         if resumed:
             seen.say(f"resuming: {resumed} of {len(experiment)} trials are there")
+        if again:
+            seen.say(f"repeating {_count(len(repeated))}")
+        elif faulted:
+            seen.say(f"{_count(len(faulted))} among them: {AGAIN} repeats such trials")
         jobs = (
             Job(
                 spec=spec,
@@ -107,22 +129,83 @@ def run(
             for spec, offset in zip(experiment.specs(), place.offsets, strict=True)
             if offset < 0
         )
-        errors = 0
+        first = _First(min(ALIKE, len(experiment) - resumed))
         if resumed < len(experiment):
             try:
                 used = engine or _engine(work, workers, ray, time_limit_s, place)
                 with closing(used):
-                    for rows in _perform(used, jobs, experiment.where.kind):
-                        cell = place.put(rows.trial_id, book.append(rows), path)
-                        errors += rows.trial["failure_kind"] == "fault"
-                        seen.finished(cell, rows.trial["inserted"])
+                    begun = jobs if engine is not None else _tried(used, jobs)
+                    for rows in _perform(used, begun, experiment.where.kind):
+                        name, fault = rows.trial_id, ""
+                        if faults.is_fault(rows.trial):
+                            fault = faulted[name] = faults.told(rows.trial)
+                        offset = 0
+                        if name in repeated:
+                            book.replace(rows)
+                        else:
+                            offset = book.append(rows)
+                        cell = place.put(name, offset, path)
+                        seen.finished(cell, rows.trial["inserted"], fault)
+                        if first.are_all(fault):
+                            break
             except KeyboardInterrupt as stop:
                 seen.say("interrupted: what is finished is kept; the same command goes on")
                 for where in stop.args:
                     seen.say(str(where))
+        if repeated:  # the lines behind theirs have moved
+            place.find_again(path)
         if place.done == len(experiment):
             results.write(folder, path, place.offsets)
-    return Finished(total=len(experiment), done=place.done, resumed=resumed, errors=errors)
+    if first.stopped:
+        raise InputError(
+            f"stopped: the first {first.n} trials were all the same fault: {first.stopped}; mend"
+            f" the cause, then the same command with {AGAIN} repeats them and goes on"
+        )
+    return Finished(total=len(experiment), done=place.done, resumed=resumed, faults=len(faulted))
+
+
+class _First:
+    """Whether the first `n` trials that ended were all the same fault: then `stopped` says it."""
+
+    def __init__(self, n: int) -> None:
+        self.n, self.stopped = n, ""
+        self._texts: list[str] | None = []
+
+    def are_all(self, fault: str) -> bool:
+        """Tell how the next trial ended; empty: with no fault."""
+        if self._texts is None:
+            return False
+        self._texts.append(re.sub(r"0x[0-9a-f]+|\d+", "#", fault))
+        if not fault or self._texts[0] != self._texts[-1]:
+            self._texts = None
+        elif len(self._texts) == self.n:
+            self._texts, self.stopped = None, fault
+        return bool(self.stopped)
+
+
+def _count(faulted: int) -> str:
+    return "1 fault" if faulted == 1 else f"{faulted} faults"
+
+
+def _tried(engine: Engine, jobs: Iterator[Job]) -> Iterator[Job]:
+    """The same jobs, after what they need was tried by the engine's own kind of process.
+
+    Raises:
+        InputError: it failed.
+    """
+    first, tries = next(jobs), 0
+    engine.start(replace(first, only_try=True))
+    while engine.in_flight:
+        for over in engine.wait(_LOOK_S):
+            tries += 1
+            if over.problem in LOST and tries < TRIES:
+                engine.start(over.job)
+            elif over.problem:
+                raise InputError(
+                    f"no trial can be performed here: {over.message}; see to it, and the same"
+                    " command goes on"
+                )
+    return chain([first], jobs)
 
 
 def prepare(experiment: Experiment, folder: Path) -> None:
@@ -235,6 +318,29 @@ class _Places:
         Raises:
             InputError: the trial is not of this experiment, or was there before.
         """
+        cell, index = self._index(trial_id, path)
+        if self.offsets[index] >= 0:
+            raise InputError(
+                f"journal '{path}' holds trial '{trial_id}' twice: delete one of its lines"
+            )
+        self.offsets[index] = offset
+        self.done += 1
+        return cell
+
+    def forget(self, trial_id: str, path: Path) -> None:
+        """Take a trial as not finished."""
+        self.offsets[self._index(trial_id, path)[1]] = -1
+        self.done -= 1
+
+    def find_again(self, path: Path) -> None:
+        """Where the finished trials' lines are now."""
+        for entry in journal.scan(path):
+            index = self._index(entry.trial_id, path)[1]
+            if self.offsets[index] >= 0:
+                self.offsets[index] = entry.offset
+
+    def _index(self, trial_id: str, path: Path) -> tuple[int, int]:
+        """A trial's cell, and its place in canonical order."""
         prefix, _, seed = trial_id.rpartition("-")
         cell = self._cells.get(prefix)
         nth = int(seed) - self._experiment.first_seed if seed.isdecimal() else -1
@@ -243,11 +349,4 @@ class _Places:
                 f"journal '{path}' holds trial '{trial_id}', which is not of this experiment:"
                 " choose another folder"
             )
-        index = cell * self._experiment.trials + nth
-        if self.offsets[index] >= 0:
-            raise InputError(
-                f"journal '{path}' holds trial '{trial_id}' twice: delete one of its lines"
-            )
-        self.offsets[index] = offset
-        self.done += 1
-        return cell
+        return cell, cell * self._experiment.trials + nth

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant import files, folders, store
-from pliant.experiment import ladder, measures, paper, results
+from pliant.experiment import faults, ladder, measures, paper, results
 from pliant.experiment.measures import Row
 from pliant.experiment.tables_text import markdown
 from pliant.formations import RECOVERABLE
@@ -47,12 +47,16 @@ def build(folder: Path) -> Document:
     for trial in results.read_trials(folder).drop_columns(["wall_s"]).to_pylist():
         key = (trial["level"], trial["peg"], trial["condition"], trial["reasoner"])
         cell = cells.setdefault(key, _Cell(key=key))
-        cell.trials.append(trial)
-        owner[trial["trial_id"]] = cell
+        if faults.is_fault(trial):
+            cell.faulted.append(trial)
+        else:
+            cell.trials.append(trial)
+            owner[trial["trial_id"]] = cell
     for executions in results.each_trials_executions(folder):
-        owner[executions[0]["trial_id"]].add(executions)
+        if (measured := owner.get(executions[0]["trial_id"])) is not None:
+            measured.add(executions)
     ordered = _in_the_papers_order(cells.values())
-    trials = [trial for cell in ordered for trial in cell.trials]
+    trials = [trial for cell in ordered for trial in (*cell.trials, *cell.faulted)]
     return {
         "schema": SCHEMA,
         "paper": {"source": paper.source(), "reasoner": paper.REASONER},
@@ -82,10 +86,12 @@ def timing(folder: Path) -> dict[str, float]:
 
 @dataclass(kw_only=True)
 class _Cell:
-    """One cell's rows: trials whole, executions already counted."""
+    """One cell's rows: trials whole, those in which nothing was measured apart; executions already
+    counted."""
 
     key: _Key
     trials: list[Row] = field(default_factory=list)
+    faulted: list[Row] = field(default_factory=list)
     transitions: dict[str, Counter[str]] = field(default_factory=dict)
     align: Counter[str] = field(default_factory=Counter)
 
@@ -100,19 +106,20 @@ class _Cell:
 
 def _cell(cell: _Cell) -> Document:
     level, peg, condition, reasoner = cell.key
-    trials = cell.trials
+    trials, every = cell.trials, [*cell.trials, *cell.faulted]
     return {
-        "cell": trials[0]["cell"],
+        "cell": every[0]["cell"],
         "level": level,
         "peg": peg,
         "condition": condition,
         "reasoner": reasoner,
-        "model": next((t["model"] for t in trials if t["model"] is not None), None),
+        "model": next((t["model"] for t in every if t["model"] is not None), None),
         "n": len(trials),
         "judged": measures.rate(t["judged"] for t in trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
         "disagreed": sum(measures.inserted(t) not in (None, t["judged"]) for t in trials),
-        "faults": sum(t["failure_kind"] == "fault" for t in trials),
+        "faults": len(cell.faulted),
+        "said": faults.by_text(cell.faulted),
         "extra": measures.extra_executions(trials),
         "paper": _papers(level, peg, condition, reasoner),
         "depth": measures.depths(trials),
@@ -121,7 +128,7 @@ def _cell(cell: _Cell) -> Document:
             name: cell.align[name]
             for name in ("cycles", "trials_with_cycles", "accepted", "false", "stopped")
         },
-        "failure_kinds": measures.kinds(trials),
+        "failure_kinds": measures.kinds(every),
         "own": measures.model_share(trials),
     }
 
@@ -149,7 +156,7 @@ def _table4(cells: Sequence[_Cell]) -> list[Document]:
     rows = []
     for cell in cells:
         level, peg, _, reasoner = cell.key
-        placed = measures.placed(cell.trials)
+        placed = measures.placed([*cell.trials, *cell.faulted])
         if (level, peg) != ("L0", "circle") or placed is None:
             continue
         theirs = paper.table4(*placed)

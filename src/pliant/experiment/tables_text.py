@@ -27,7 +27,10 @@ def markdown(document: Document) -> str:
         "# Tables",
         f"Paper: {paper['source']}, whose reasoner is {paper['reasoner']}; each row of ours says"
         " which reasoner made it. Percentages stand with their n and 95 % Wilson interval. F is"
-        " judged inserted, G truly inserted. A trial that a fault ended counts as not inserted.",
+        " judged inserted, G truly inserted. n counts the trials in which the method was measured:"
+        " faults are counted beside it and are in no rate. A trial that the cell ended, as by a"
+        " protective stop, counts as not inserted.",
+        *_faults_section(cells),
         *_where(cells),
         *_section("The ladder: all pegs of a level together", ladder, document, "ladder"),
         *_section("Scenarios: what was right, and how it ended", scenarios, document, "scenarios"),
@@ -54,11 +57,12 @@ def markdown(document: Document) -> str:
 
 def table2(cells: Sequence[Document]) -> str:
     """Table II in the paper's layout, the paper's own figures beside ours."""
-    header = ["peg", "condition", "reasoner", "n", "F [%]", "G [%]"]
+    beside = _faults_beside(cells)
+    header = ["peg", "condition", "reasoner", "n", *beside, "F [%]", "G [%]"]
     header += [*(str(f) for f in RECOVERABLE), *_PAPERS]
     rows = [
-        [*_who(c), str(c["n"]), _rate(c["judged"]), _rate(c["inserted"])]
-        + [*_extra(c), *_theirs(c["paper"])]
+        [*_who(c), str(c["n"]), *(str(c["faults"]) for _ in beside)]
+        + [_outcome(c, "judged"), _outcome(c, "inserted"), *_extra(c), *_theirs(c["paper"])]
         for c in cells
     ]
     text = _table(header, rows)
@@ -76,14 +80,16 @@ def _section(
 
 def ladder(rows: Sequence[Document]) -> str:
     """A row per level, skill set and reasoner; the paper's criterion or the level's own depth."""
-    header = ["level", "skills", "reasoner", "inserted [%]", "judged ≠ inserted [%]"]
+    beside = _faults_beside(rows)
+    header = ["level", "skills", "reasoner", *beside, "inserted [%]", "judged ≠ inserted [%]"]
     header += ["false accepts [%]", "executions", "motions", "simulated time [s]", "failures"]
     return _table(
         header,
         [
-            [r["level"], r["skills"], r["reasoner"], _rate(r["inserted"])]
-            + [f"{r['wrong']['percent']:.1f}", f"{r['false_accepts']['percent']:.1f}"]
-            + [f"{r['executions']:.1f}", f"{r['moves']:.0f}", f"{r['simulated_s']:.0f}"]
+            [r["level"], r["skills"], r["reasoner"], *(str(r.get("faults", 0)) for _ in beside)]
+            + [_outcome(r, "inserted"), _number(r["wrong"]["percent"], 1)]
+            + [_number(r["false_accepts"]["percent"], 1), _number(r["executions"], 1)]
+            + [_number(r["moves"], 0), _number(r["simulated_s"], 0)]
             + [", ".join(f"{n} {kind}" for kind, n in r["failure_kinds"].items()) or "–"]
             for r in rows
         ],
@@ -92,15 +98,17 @@ def ladder(rows: Sequence[Document]) -> str:
 
 def scenarios(rows: Sequence[Document]) -> str:
     """A row per scenario, skill set and reasoner: how often it ended as is right, and otherwise."""
-    header = ["scenario", "reasoner", "right is to", "ended so [%]", "inserted", "stopped"]
+    beside = _faults_beside(rows)
+    header = ["scenario", "reasoner", *beside, "right is to", "ended so [%]", "inserted", "stopped"]
     header += ["ten failures", "cap", "false accepts", "executions", "simulated time [s]"]
     counted = ("inserted", "stopped", "exhausted", "cap", "false_accepts")
     return _table(
         header,
         [
-            [r["scenario"], r["reasoner"], _RIGHT[r["right"]], _rate(r["rightly"])]
+            [r["scenario"], r["reasoner"], *(str(r.get("faults", 0)) for _ in beside)]
+            + [_RIGHT[r["right"]], _outcome(r, "rightly")]
             + [str(r[name]["successes"]) for name in counted]
-            + [f"{r['executions']:.1f}", f"{r['simulated_s']:.0f}"]
+            + [_number(r["executions"], 1), _number(r["simulated_s"], 0)]
             for r in rows
         ],
     )
@@ -115,7 +123,7 @@ def table4(cells: Sequence[Document]) -> str:
         unlabelled = str(c["n"] - c["inserted"]["n"])
         rows.append(
             [c["cell"], _who(c)[2], f"{c['hole_mm']:g}", f"{c['angle_deg']:g}", str(c["n"])]
-            + [_rate(c["judged"]), _rate(c["inserted"]), *_extra(c)]
+            + [_outcome(c, "judged"), _outcome(c, "inserted"), *_extra(c)]
             + [str(c["faults"]), unlabelled, *_theirs(c["paper"])]
         )
     text = _table(header, rows)
@@ -248,7 +256,38 @@ def _where(cells: Sequence[Document]) -> list[str]:
 
 
 def _extra(cell: Document) -> list[str]:
-    return [f"{cell['extra'][f]:.2f}" for f in RECOVERABLE]
+    return [_number(cell["extra"][f], 2) for f in RECOVERABLE]
+
+
+def _faults_section(cells: Sequence[Document]) -> list[str]:
+    """What was said of the trials in which nothing was measured; empty where there are none."""
+    if not _faults_beside(cells):
+        return []
+    header = ["peg", "condition", "reasoner", "trials", "fault"]
+    rows = [
+        [*_who(c), str(said["n"]), said["text"].replace("|", "\\|")]
+        for c in cells
+        for said in c.get("said", ())
+    ]
+    return [
+        "## Faults: trials in which nothing was measured",
+        _table(header, rows),
+        "The command that made them repeats these and no others with `--again faults`.",
+    ]
+
+
+def _faults_beside(rows: Sequence[Document]) -> list[str]:
+    """The head of a column of faults, where any row has one."""
+    return ["faults"] if any(row.get("faults") for row in rows) else []
+
+
+def _outcome(row: Document, name: str) -> str:
+    """A rate, unless nothing but faults came of it."""
+    return "faults" if row.get("faults") and not row["n"] else _rate(row[name])
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
 
 
 def _theirs(paper: Document | None) -> list[str]:

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pliant import store, teaching
+from pliant.cell import Workcell
+from pliant.errors import InputError, PliantError, described
 from pliant.experiment import decides
 from pliant.experiment.one import Spec, perform
-from pliant.experiment.rows import Rows, rows_of
+from pliant.experiment.rows import Rows, lost, rows_of
 from pliant.task import Task
 from pliant.teaching import Teaching
 
@@ -36,7 +38,8 @@ class Save(StrEnum):
 class Job:
     """One trial for a worker, which may be anywhere: every path is absolute. `goals` as in the
     experiment, `folder` the run's. `record` and `replay` are folders with one recording per
-    trial."""
+    trial. `only_try`: see that such a trial could be performed, no more; what is answered counts
+    for nothing."""
 
     spec: Spec
     goals: str | None
@@ -45,6 +48,7 @@ class Job:
     record: Path | None = None
     replay: Path | None = None
     expected: Mapping[str, Any] | None = None  # what must be installed where it is performed
+    only_try: bool = False
 
 
 def perform_job(job: Job) -> Rows:
@@ -57,6 +61,9 @@ def perform_job(job: Job) -> Rows:
     if job.expected is not None:
         decides.check(job.spec, job.expected)
     cell = _cell(job.spec.task)
+    if job.only_try:
+        attempt(cell, job.spec)
+        return lost(job.spec, "tried", "", wall_s=0.0)
     trial = perform(
         job.spec,
         cell,
@@ -72,6 +79,21 @@ def perform_job(job: Job) -> Rows:
         store.save_trial(folder, trial)
         replay.save(folder, cell.trajectory())
     return rows
+
+
+def attempt(cell: Workcell, spec: Spec) -> None:
+    """Let a simulated cell do a little of all that a trial needs: compile, let the peg come to
+    rest, draw.
+
+    Raises:
+        InputError: it cannot.
+    """
+    try:
+        cell.prepare(spec.task, spec.condition.draw(spec.seed)).observe()
+    except (MemoryError, RuntimeError, ValueError, OSError) as error:
+        if isinstance(error, PliantError):
+            raise
+        raise InputError(f"nothing can be simulated or drawn here: {described(error)}") from error
 
 
 def recording(folder: Path | None, spec: Spec) -> Path | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pliant.envelope import Limits
-from pliant.errors import InputError, unknown
+from pliant.errors import InputError, described, unknown
 from pliant.paths import located
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
@@ -48,8 +48,8 @@ def reasoner(name: str) -> Reasoner:
     try:
         spec.loader.exec_module(module)
         made = getattr(module, attribute)()
-    except Exception as error:  # a user's file may raise anything
-        raise InputError(f"reasoner '{name}' cannot be made: {error!r}") from error
+    except (Exception, SystemExit) as error:  # a user's file may raise anything
+        raise InputError(f"reasoner '{name}' cannot be made: {described(error)}") from error
     for method in ("judge", "recover", "name"):
         if not hasattr(made, method):
             raise InputError(f"reasoner '{name}' lacks '{method}'; see pliant.recovery.Reasoner")

@@ -4,7 +4,8 @@ const count = columns.cell.length;
 const all = Array.from({ length: count }, (_, n) => n);
 const place = document.getElementById("list");
 const cellOf = (n) => cells[columns.cell[n]];
-const inserted = (n) => columns.inserted[n] ?? columns.judged[n];
+/** null where nothing was measured. */
+const inserted = (n) => (columns.fault[n] ? null : (columns.inserted[n] ?? columns.judged[n]));
 
 // --- what is wanted: kept in the address, so that a link can say it ------------------------------
 
@@ -17,6 +18,7 @@ let drawn = 0;
 const OUTCOMES = {
   inserted: ["inserted", (n) => inserted(n) === 1],
   failed: ["not inserted", (n) => inserted(n) === 0],
+  faults: ["fault", (n) => columns.fault[n] === 1],
   disagreed: ["judged ≠ inserted", (n) => columns.inserted[n] !== null && columns.inserted[n] !== columns.judged[n]],
 };
 
@@ -73,7 +75,7 @@ const COLUMNS = [
   { name: "peg", label: "peg", of: (n) => text(cellOf(n).peg) },
   { name: "condition", label: "condition", of: (n) => text(cellOf(n).condition) },
   { name: "seed", label: "seed", of: amount(columns.seed, 0) },
-  { name: "judged", label: "judged", of: vote(columns.judged) },
+  { name: "judged", label: "judged", of: vote(columns.judged.map((v, n) => (columns.fault[n] ? null : v))) },
   { name: "inserted", label: "inserted", of: vote(columns.inserted) },
   { name: "depth", label: "depth [mm]", of: amount(columns.depth, 1) },
   { name: "end", label: "end", of: (n) => text(data.ends[columns.end[n]]) },
@@ -90,8 +92,8 @@ const COLUMNS = [
   ] : []),
 ];
 
-/** Failures first, and of these the ones that can be looked at. */
-const first = (n) => 2 * inserted(n) + (n in pages ? 0 : 1);
+/** Faults first, then failures, and of these the ones that can be looked at. */
+const first = (n) => 2 * (inserted(n) ?? -1) + (n in pages ? 0 : 1);
 
 function pageLink(n) {
   if (n in pages) return element("a", { href: pages[n] }, "page");
@@ -212,9 +214,14 @@ function draw() {
   }
   drawn = Math.min(drawn + CHUNK, shown.length);
   body.append(rows);
-  status.textContent = `${shown.length} of ${count} trials, ${shown.filter((n) => inserted(n) === 1).length} inserted; ${drawn} listed.`;
+  status.textContent = `${shown.length} of ${count} trials, ${shown.filter((n) => inserted(n) === 1).length} inserted${faulted(shown)}; ${drawn} listed.`;
   more.hidden = drawn >= shown.length;
   more.textContent = `List ${Math.min(CHUNK, shown.length - drawn)} more`;
+}
+
+function faulted(numbers) {
+  const many = numbers.filter((n) => columns.fault[n]).length;
+  return many ? `, ${many} ${many === 1 ? "fault" : "faults"}` : "";
 }
 
 /** Follow a link that says which trials are wanted. */

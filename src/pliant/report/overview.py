@@ -23,7 +23,13 @@ def render(summary: Summary, title: str, pages: Collection[str]) -> str:
     """The page's text. `pages` has the id of each trial that has a page, in its own folder."""
     made = summary.tables
     asked = [cell for cell in made["cells"] if cell.get("own")]
+    faulted = [cell for cell in made["cells"] if cell["faults"]]
     chapters = [
+        *(
+            [("faults", "Faults: trials in which nothing was measured", tables.faults(faulted))]
+            if faulted
+            else []
+        ),
         ("table2", "Table II: success, and average extra executions", tables.table2(made["cells"])),
         (
             "table3",

@@ -9,8 +9,9 @@ from urllib.parse import quote
 
 from pliant.conditions import CONDITIONS
 from pliant.errors import InputError
+from pliant.experiment import faults
 from pliant.experiment.columns import KINDS, TRIALS
-from pliant.experiment.measures import Row
+from pliant.experiment.measures import Row, inserted
 from pliant.levels import FIELDS, shipped_levels
 from pliant.pose import Axis
 from pliant.report import words
@@ -61,7 +62,8 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
     cells = list(dict.fromkeys(map(_names, trials)))
     place = {names: n for n, names in enumerate(cells)}
     models = {_names(t): t["model"] for t in trials}
-    ends = list(dict.fromkeys(t["end_reason"] for t in trials))
+    ends = list(dict.fromkeys(map(faults.told, trials)))
+    places = {text: n for n, text in enumerate(ends)}
     kinds = list(KINDS)
     columns: dict[str, Sequence[Any]] = {
         "cell": [place[_names(t)] for t in trials],
@@ -69,7 +71,8 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
         "judged": [int(t["judged"]) for t in trials],
         "inserted": [_truth(t) for t in trials],
         "depth": [_rounded(t["depth_m"], 1, 1e3) for t in trials],
-        "end": [ends.index(t["end_reason"]) for t in trials],
+        "fault": [int(faults.is_fault(t)) for t in trials],
+        "end": [places[faults.told(t)] for t in trials],
         "kind": [_place(kinds, t["failure_kind"]) for t in trials],
         "executions": [t["executions"] for t in trials],
         **{
@@ -159,9 +162,8 @@ def _names(trial: Row) -> Names:
 
 
 def _truth(trial: Row) -> int | None:
-    if trial["inserted"] is None:
-        return 0 if str(trial["end_reason"]).startswith("fault:") else None
-    return int(trial["inserted"])
+    known = inserted(trial)
+    return None if known is None else int(known)
 
 
 def _place(names: Sequence[str], name: str | None) -> int:

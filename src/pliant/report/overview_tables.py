@@ -37,8 +37,9 @@ def table2(cells: Sequence[Document]) -> Html:
     head = ["peg", "condition", "reasoner", "n", "failed", "F over G", "F [%]", "G [%]"]
     head += ["paper's F, G", "extra fit, align, insertion", "paper's"]
     caption = (
-        "F: judged inserted. G: truly inserted; a trial that a fault ended counts as not. Whiskers"
-        " and brackets: 95 % Wilson interval. Diamonds: the paper's, whose reasoner is GPT-4o."
+        "F: judged inserted. G: truly inserted. n: trials in which the method was measured; faults"
+        " are in no rate, and a trial that the cell ended counts as not inserted. Whiskers and"
+        " brackets: 95 % Wilson interval. Diamonds: the paper's, whose reasoner is GPT-4o."
     )
     return table(head, [_table2_row(cell) for cell in cells], caption)
 
@@ -50,9 +51,10 @@ def _table2_row(cell: Document) -> Html:
             _bar(judged, theirs and theirs["judged"], "judged"),
             _bar(true, theirs and theirs["inserted"], "success"),
         ],
-        f"F {rate(judged)}, G {rate(true)}",
+        f"F {outcome(cell, 'judged')}, G {outcome(cell, 'inserted')}",
     )
-    extra = ", ".join(f"{cell['extra'][f]:.2f}" for f in RECOVERABLE)
+    averages = [cell["extra"][f] for f in RECOVERABLE]
+    extra = ", ".join("–" if a is None else f"{a:.2f}" for a in averages)
     papers_extra = ", ".join(f"{v:.1f}" for v in theirs["extra"].values()) if theirs else ""
     failed = true["n"] - true["successes"]
     failures = (
@@ -60,14 +62,18 @@ def _table2_row(cell: Document) -> Html:
     )
     if cell["disagreed"]:
         failures.append(link(f"{cell['disagreed']} F≠G", **place(cell), outcome="disagreed"))
+    counted = link(str(cell["n"]), **place(cell))
+    if cell["faults"]:
+        words = "1 fault" if cell["faults"] == 1 else f"{cell['faults']} faults"
+        counted = join(counted, " ", link(words, **place(cell), outcome="faults"))
     return tag(
         "tr",
         *(tag("td", text) for text in who(cell)),
-        tag("td", link(str(cell["n"]), **place(cell)), class_="number"),
+        tag("td", counted, class_="number"),
         tag("td", _spaced(failures), class_="number"),
         tag("td", shown),
-        tag("td", rate(judged), class_="number"),
-        tag("td", rate(true), class_="number"),
+        tag("td", outcome(cell, "judged"), class_="number"),
+        tag("td", outcome(cell, "inserted"), class_="number"),
         tag("td", f"{theirs['judged']:g}, {theirs['inserted']:g}" if theirs else "–"),
         tag("td", extra, class_="number"),
         tag("td", papers_extra or "–", class_="number"),
@@ -121,10 +127,10 @@ def kinds(cells: Sequence[Document]) -> Html:
         counts = [
             tag("td", _kind(cell, kind, cell["failure_kinds"].get(kind, 0))) for kind in names
         ]
-        n = tag("td", str(cell["n"]), class_="number")
+        n = tag("td", str(cell["n"] + cell["faults"]), class_="number")
         rows.append(tag("tr", *(tag("td", text) for text in who(cell)), n, *counts))
     meanings = [tag("div", tag("dt", _spoken(kind)), tag("dd", KINDS[kind])) for kind in names]
-    head = ["peg", "condition", "reasoner", "n", *map(_spoken, names)]
+    head = ["peg", "condition", "reasoner", "trials", *map(_spoken, names)]
     caption = "Decided from the truth after each execution. Bars: the share of the cell's trials."
     return join(table(head, rows, caption), tag("dl", *meanings, class_="meanings"))
 
@@ -132,7 +138,7 @@ def kinds(cells: Sequence[Document]) -> Html:
 def _kind(cell: Document, kind: str, count: int) -> Html:
     if not count:
         return tag("span", "–", class_="hint")
-    n = cell["n"]
+    n = cell["n"] + cell["faults"]
     described = f"{count} of {n}"
     bar = Bar(percent=100 * count / n, kind="failure")
     return join(bars([bar], described), link(str(count), **place(cell), kind=kind))
@@ -207,6 +213,30 @@ def _pair(row: Document) -> Html:
         only(row["only_second"], row["second"], row["first"]),
         tag("td", f"{row['p']:.2g}", class_="number"),
     )
+
+
+def faults(cells: Sequence[Document]) -> Html:
+    """What was said of the trials in which nothing was measured."""
+    rows = [
+        tag(
+            "tr",
+            *(tag("td", text) for text in who(cell)),
+            tag("td", link(str(said["n"]), **place(cell), outcome="faults"), class_="number"),
+            tag("td", said["text"]),
+        )
+        for cell in cells
+        for said in cell["said"]
+    ]
+    caption = (
+        "Trials in which nothing was measured. The command that made them repeats these and no"
+        " others with --again faults."
+    )
+    return table(["peg", "condition", "reasoner", "trials", "fault"], rows, caption)
+
+
+def outcome(cell: Document, name: str) -> str:
+    """A cell's share, unless nothing but faults came of it."""
+    return "faults" if cell["faults"] and not cell["n"] else rate(cell[name])
 
 
 def rate(found: Document) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pliant.envelope import Limits
-from pliant.errors import InputError, PliantError
+from pliant.errors import InputError, PliantError, described
 from pliant.experiment.bench.answers import CHANGE_M, Answer, change
 from pliant.experiment.bench.cases import Kind, Question
 from pliant.formations import OWNED, Formation, Step
@@ -63,9 +63,10 @@ def put(question: Question, name: str, make: Make) -> Mark:
         return _put(question, make(question.name))
     except PliantError:
         raise
-    except Exception as error:  # a user's reasoner may raise anything
+    except (Exception, SystemExit) as error:  # a user's reasoner may raise anything
         raise InputError(
-            f"reasoner '{name}' failed at case {question.name}: {error!r}; mend it, or leave it out"
+            f"reasoner '{name}' failed at case {question.name}: {described(error)}; mend it, or"
+            " leave it out"
         ) from error
 
 
