@@ -39,7 +39,10 @@ def quick(job: Job) -> Rows:
     """A made-up trial that depends on its seed alone."""
     time.sleep(EVERY_S)
     rows = lost(job.spec, "made_up", f"seed {job.spec.seed}", 0.0)
-    executions = [{"trial_id": rows.trial_id, "index": i} for i in range(job.spec.seed % 3)]
+    executions = [
+        {"trial_id": rows.trial_id, "index": i, "formation": "fit", "verdict": True}
+        for i in range(job.spec.seed % 3)
+    ]
     trial = {**rows.trial, "inserted": job.spec.seed % 4 > 0, "wall_s": random.random()}
     return Rows(trial=trial, executions=executions)
 
@@ -201,6 +204,63 @@ def test_deaths_and_time_outs_are_recorded_after_three_tries_and_block_nobody(
     assert ends[4][1].endswith(f"{where})")
     assert done.faults == 3
     assert ends[5][0] == ends[1][0] == "fault:made_up"
+
+
+def faulting(job: Job) -> Rows:
+    """Below a folder named "broken" every trial raises; elsewhere odd seeds do, until it is mended."""
+    broken = job.folder.name == "broken"
+    if not job.only_try and (
+        broken or (job.spec.seed % 2 and not (job.folder / "mended").exists())
+    ):
+        raise ZeroDivisionError(f"seed {job.spec.seed}")
+    return quick(job)
+
+
+def test_first_trials_that_are_all_the_same_fault_end_the_run(tmp_path: Path) -> None:
+    folder = tmp_path / "broken"
+    stopped = "first 3 trials were all the same fault: fault:error: ZeroDivisionError: seed"
+    with pytest.raises(InputError, match=stopped):
+        run(experiment(), folder, workers=1, work=faulting)
+    assert [e.fault != "" for e in journal.scan(folder / journal.FILE)] == [True] * 3
+    with pytest.raises(InputError, match="first 1 trials"):
+        run(experiment(1, reasoners=["rules"]), tmp_path / "one" / "broken", work=faulting)
+
+
+def test_a_resumed_run_names_its_faults_and_repeats_them_and_no_others_when_told(
+    tmp_path: Path,
+) -> None:
+    console = Console(record=True, width=200, file=StringIO())
+    plan = experiment(3, reasoners=["rules"])
+
+    def again(again: bool = False) -> Finished:
+        shown = Shown(plan, console)
+        return run(plan, tmp_path, workers=1, work=faulting, watcher=shown, again=again)
+
+    assert again() == Finished(total=3, done=3, resumed=0, faults=2)
+    before = (tmp_path / journal.FILE).read_bytes().splitlines()
+    assert again() == Finished(total=3, done=3, resumed=3, faults=2)
+    assert (tmp_path / journal.FILE).read_bytes().splitlines() == before
+    (tmp_path / "mended").touch()
+    assert again(again=True) == Finished(total=3, done=3, resumed=1, faults=0)
+    after = (tmp_path / journal.FILE).read_bytes().splitlines()
+    assert [a == b for a, b in zip(after, before, strict=True)] == [False, True, False]
+    trials = outcomes(tmp_path)[0]
+    assert trials["trial_id"].to_pylist() == [s.trial_id for s in plan.specs()]
+    assert trials["end_reason"].to_pylist() == ["fault:made_up"] * 3
+    said = console.export_text()
+    assert "3 of 3 trials, 1 inserted, 2 faults" in said
+    assert "2 faults among them: --again faults repeats such trials" in said
+    assert "fault:error: ZeroDivisionError: seed 1 (" in said
+
+
+def test_what_the_workers_cannot_do_at_all_is_said_before_the_first_trial(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no trial can be performed here: .* \(exit status 9\)"):
+        run(experiment(), tmp_path, workers=1, work=dead)
+    assert finished(tmp_path) == 0
+
+
+def dead(job: Job) -> Rows:
+    os._exit(9)
 
 
 def test_what_every_trial_would_meet_ends_the_run_in_one_line(tmp_path: Path) -> None:
