@@ -207,11 +207,9 @@ def test_deaths_and_time_outs_are_recorded_after_three_tries_and_block_nobody(
 
 
 def faulting(job: Job) -> Rows:
-    """Below a folder named "broken" every trial raises; elsewhere odd seeds do, until it is mended."""
-    broken = job.folder.name == "broken"
-    if not job.only_try and (
-        broken or (job.spec.seed % 2 and not (job.folder / "mended").exists())
-    ):
+    """Below a folder named "broken" every trial raises; elsewhere odd seeds, until it is mended."""
+    odd, mended = job.spec.seed % 2, (job.folder / "mended").exists()
+    if not job.only_try and (job.folder.name == "broken" or (odd and not mended)):
         raise ZeroDivisionError(f"seed {job.spec.seed}")
     return quick(job)
 

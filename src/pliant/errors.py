@@ -11,6 +11,7 @@ import os
 import sysconfig
 import traceback
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 _LIBRARIES = (
@@ -66,5 +67,7 @@ def described(error: BaseException) -> str:
 
 def line_of(file: str, line: int | None) -> str:
     """A line of a file, named as shortly as it can be from here."""
-    path, here = Path(file), Path.cwd()
-    return f"{path.relative_to(here) if path.is_relative_to(here) else path}:{line}"
+    path = Path(file)
+    with suppress(OSError, ValueError):  # the current folder is gone, or it is not below it
+        path = path.relative_to(Path.cwd())
+    return f"{path}:{line}"
