@@ -52,7 +52,7 @@ def environment() -> None:
     for command in ((UV, "venv", "--clear", "--python", sys.executable, HOME), install):
         try:
             cache = {"UV_CACHE_DIR": str(HERE.parent / ".cache" / "uv"), **os.environ}
-            subprocess.run(command, check=True, capture_output=True, text=True, env=cache)
+            subprocess.run(command, check=True, capture_output=True, encoding="utf-8", env=cache)
         except FileNotFoundError:
             sys.exit(f"{UV} does not exist: run 'make setup' first")
         except subprocess.CalledProcessError as error:
@@ -84,7 +84,7 @@ def robosuite() -> Iterator[Robosuite]:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
-            text=True,
+            encoding="utf-8",
         )
     try:
         yield Robosuite(process=process, about=_answer(process))
@@ -97,7 +97,7 @@ def _answer(process: "subprocess.Popen[str]") -> Any:
     assert process.stdout is not None
     line = process.stdout.readline()
     if not line:
-        said = (HOME / "steps.log").read_text().strip().splitlines()
+        said = (HOME / "steps.log").read_text(encoding="utf-8").strip().splitlines()
         sys.exit(f"robosuite failed: {said[-1] if said else 'it said nothing'}")
     return json.loads(line)
 

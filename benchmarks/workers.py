@@ -132,7 +132,7 @@ def nothing(job: Job) -> Rows:
 
 def peak_mb() -> float:
     """The most memory this process has held [MB]."""
-    status = Path("/proc/self/status").read_text()
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
     return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 

@@ -19,7 +19,7 @@ def main() -> None:
     rows = [row for run in runs for row in tables.build(run)[table]]
     order = list(shipped_levels())
     rows.sort(key=lambda row: order.index(row[name]))
-    out.write_text(json.dumps(rows, indent=1) + "\n")
+    out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     print(f"{out}: {len(rows)} rows")
 
 

@@ -66,13 +66,17 @@ def serving(folder: Path, *, port: int = 0) -> Iterator[str]:
     with server:
         try:
             end = time.monotonic() + UP_S
-            while not said.read_text().endswith("\n"):
+            while not said.read_text(encoding="utf-8").endswith("\n"):
                 if server.poll() is not None or time.monotonic() > end:
-                    raise RuntimeError(f"the local model did not start:\n{log.read_text()}")
+                    raise RuntimeError(
+                        f"the local model did not start:\n{log.read_text(encoding='utf-8')}"
+                    )
                 time.sleep(0.05)
-            yield said.read_text().strip()
+            yield said.read_text(encoding="utf-8").strip()
             if server.poll() is not None:
-                raise RuntimeError(f"the local model ended by itself:\n{log.read_text()}")
+                raise RuntimeError(
+                    f"the local model ended by itself:\n{log.read_text(encoding='utf-8')}"
+                )
         finally:
             assert server.stdin is not None
             server.stdin.close()

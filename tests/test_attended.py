@@ -146,7 +146,10 @@ def test_the_combination_is_shown_and_the_label_kept(tmp_path: Path, desk: Desk)
     assert (trial.cell, trial.inserted) == ("ur5e", False)
     assert trial.truths[0].inserted is None
     report.show(kept, trial, None)
-    assert "nan" not in re.sub("<[^>]*>", " ", (kept / report.PAGE).read_text()).split()
+    assert (
+        "nan"
+        not in re.sub("<[^>]*>", " ", (kept / report.PAGE).read_text(encoding="utf-8")).split()
+    )
 
 
 def test_who_stops_or_skips_goes_on_there_later(tmp_path: Path, desk: Desk) -> None:
@@ -179,7 +182,7 @@ def moving(engine: Attended, folder: Path, spec: Spec) -> None:
 
 def thinking(engine: Attended, folder: Path, spec: Spec) -> None:
     own = folder / "slow.py"
-    own.write_text(SLOW)
+    own.write_text(SLOW, encoding="utf-8")
     engine.perform(replace(spec, reasoner=f"{own}:Slow"), folder)
 
 
@@ -323,7 +326,10 @@ def test_what_nobody_can_set_or_know_at_a_real_cell_is_refused() -> None:
 
 def test_what_an_emulated_cell_lacks_is_refused_before_it_begins(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
-    file.write_text(f"{EXAMPLE.read_text()}\nemulator: {{admin_port: 30100}}\n")
+    file.write_text(
+        f"{EXAMPLE.read_text(encoding='utf-8')}\nemulator: {{admin_port: 30100}}\n",
+        encoding="utf-8",
+    )
     fields = {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules"]}
     emulated = replace(from_fields(fields), where=Where(file=file))
     for changes, message in (
@@ -336,11 +342,14 @@ def test_what_an_emulated_cell_lacks_is_refused_before_it_begins(tmp_path: Path)
 
 def test_a_cells_file_is_part_of_what_an_experiment_is(tmp_path: Path) -> None:
     other = tmp_path / "cell.yaml"
-    other.write_text(EXAMPLE.read_text().replace("stiffness_n_mm: 1.0", "stiffness_n_mm: 1.5"))
+    other.write_text(
+        EXAMPLE.read_text(encoding="utf-8").replace("stiffness_n_mm: 1.0", "stiffness_n_mm: 1.5"),
+        encoding="utf-8",
+    )
     real, stiffer = experiment(), replace(experiment(), where=Where(file=other))
     simulated = replace(real, where=Where())
     assert len({e.fingerprint for e in (real, stiffer, simulated)}) == 3
     assert real.document["cell"]["kind"] == "ur5e"
     same = tmp_path / "elsewhere.yaml"
-    same.write_text(EXAMPLE.read_text())
+    same.write_text(EXAMPLE.read_text(encoding="utf-8"), encoding="utf-8")
     assert replace(real, where=Where(file=same)).fingerprint == real.fingerprint

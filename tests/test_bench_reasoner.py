@@ -447,7 +447,7 @@ def test_a_broken_set_names_the_line(own: Path, member: str, change: Any, says: 
 
 
 def test_what_is_no_set_is_refused(tmp_path: Path, own: Path) -> None:
-    (tmp_path / "text.zip").write_text("no archive")
+    (tmp_path / "text.zip").write_text("no archive", encoding="utf-8")
     with pytest.raises(InputError, match="not a case set"):
         len(Cases(tmp_path / "text.zip"))
     with pytest.raises(InputError, match="cannot be read"):

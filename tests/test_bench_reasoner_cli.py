@@ -15,7 +15,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 def bench(*words: str | Path) -> "subprocess.CompletedProcess[str]":
     command = [str(PLIANT), "bench-reasoner", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(command, capture_output=True, encoding="utf-8", check=False, timeout=120)
 
 
 def test_several_reasoners_stand_side_by_side_in_tables_and_json(tmp_path: Path) -> None:
@@ -25,7 +25,7 @@ def test_several_reasoners_stand_side_by_side_in_tables_and_json(tmp_path: Path)
     assert done.returncode == 0, done.stderr
     for heading in ("## Judging", "## Planning, after true failures", "## By kind of case"):
         assert heading in done.stdout
-    document = json.loads(out.read_text())
+    document = json.loads(out.read_text(encoding="utf-8"))
     assert list(document["reasoners"]) == ["rules", "coin", mine]
     assert document["cases"]["n"] == 5
     assert all(name in done.stdout for name in document["reasoners"])
@@ -62,14 +62,15 @@ def test_interrupted_it_writes_nothing(tmp_path: Path) -> None:
         "class Slow(Rules):\n"
         "    def judge(self, case):\n"
         f"        Path({str(tmp_path / 'began')!r}).touch()\n"
-        "        time.sleep(60)\n"
+        "        time.sleep(60)\n",
+        encoding="utf-8",
     )
     out = tmp_path / "scores.json"
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{heed}; from pliant.cli import main; main()"
     words = ["bench-reasoner", f"{slow}:Slow", "--out", str(out)]
     command = [sys.executable, "-c", code, *words]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, encoding="utf-8") as running:
         until = time.monotonic() + 60
         while not (tmp_path / "began").exists() and time.monotonic() < until:
             time.sleep(0.05)

@@ -33,7 +33,9 @@ WRONG_COLOURS = {"peg": [[[20, 50, 50], [30, 255, 255]]], "block": [[[50, 50, 50
 
 def miscalibrated(path: Path, true: c.Configuration) -> None:
     """The example with the emulated cell's frames and connections, and wrong calibrations."""
-    path.write_text((files("pliant") / "ur5e" / "example.yaml").read_text())
+    path.write_text(
+        (files("pliant") / "ur5e" / "example.yaml").read_text(encoding="utf-8"), encoding="utf-8"
+    )
     known = true.model_dump(mode="json", exclude_none=True)
     sections = ("arm", "tcp", "payload", "task_frame", "workspace", "patience", "emulator")
     fields = {name: known[name] for name in sections}
@@ -70,7 +72,7 @@ def test_a_wrong_file_is_calibrated_by_the_cell_itself_and_then_the_peg_goes_in(
             assert np.linalg.norm(off) < 0.8  # [px], half a millimetre
         assert math.isclose(found.wrist.stiffness_n_mm, true.wrist.stiffness_n_mm, rel_tol=0.05)
         assert found.wrist.sign == 1
-        assert "# roll, pitch, yaw of its axes" in path.read_text()
+        assert "# roll, pitch, yaw of its axes" in path.read_text(encoding="utf-8")
 
         where = Where(file=path)
         with where.open() as cell:  # type: ignore[attr-defined]

@@ -267,12 +267,14 @@ def test_a_second_thing_of_the_same_colour_is_refused() -> None:
 @pytest.fixture
 def example(tmp_path: Path) -> Path:
     path = tmp_path / "cell.yaml"
-    path.write_text((files("pliant") / "ur5e" / "example.yaml").read_text())
+    path.write_text(
+        (files("pliant") / "ur5e" / "example.yaml").read_text(encoding="utf-8"), encoding="utf-8"
+    )
     return path
 
 
 def test_calibrated_values_replace_the_old_ones_and_nothing_else(example: Path) -> None:
-    before = example.read_text()
+    before = example.read_text(encoding="utf-8")
     lines = file.put(
         example,
         {
@@ -287,7 +289,9 @@ def test_calibrated_values_replace_the_old_ones_and_nothing_else(example: Path) 
     assert lines[0] == "camera.focal_px: 1823 -> 912.5"
     changed = [
         (old, new)
-        for old, new in zip(before.splitlines(), example.read_text().splitlines(), strict=True)
+        for old, new in zip(
+            before.splitlines(), example.read_text(encoding="utf-8").splitlines(), strict=True
+        )
         if old != new
     ]
     assert len(changed) == 3
@@ -305,12 +309,12 @@ def test_calibrated_values_replace_the_old_ones_and_nothing_else(example: Path) 
     ],
 )
 def test_a_section_is_written_however_the_file_has_it(example: Path, form: str) -> None:
-    text = example.read_text()
+    text = example.read_text(encoding="utf-8")
     start, end = text.index("colours:"), text.index("goals:")
-    example.write_text(text[:start] + form + "\n" + text[end:])
+    example.write_text(text[:start] + form + "\n" + text[end:], encoding="utf-8")
     values = {"peg": [[[1, 2, 3], [4, 5, 6]]], "block": [[[7, 8, 9], [10, 11, 12]]]}
     file.put(example, {"colours": values})
-    assert yaml.safe_load(example.read_text())["colours"] == values
+    assert yaml.safe_load(example.read_text(encoding="utf-8"))["colours"] == values
     assert configuration.load(example).goals is None
 
 

@@ -135,9 +135,9 @@ def test_colours_that_do_not_find_the_peg_leave_the_calibration_unchecked() -> N
 def test_goals_outside_the_workspace_are_found(tmp_path: Path) -> None:
     path = tmp_path / "goals.yaml"
     save(path, shipped())
-    document = yaml.safe_load(path.read_text())
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
     document["formations"]["fit"]["goal"]["y_mm"] = -150
-    path.write_text(yaml.safe_dump(document))
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
     goals = found(Like(goals_file=path))["goals"]
     assert goals.state is State.FAIL
     assert "fit y -150.0 mm is outside the workspace" in goals.found
@@ -187,11 +187,13 @@ def test_a_cell_file_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_command_says_it_as_a_table_and_as_json() -> None:
-    shown = subprocess.run([PLIANT, "check-cell"], capture_output=True, text=True, check=False)
+    shown = subprocess.run(
+        [PLIANT, "check-cell"], capture_output=True, encoding="utf-8", check=False
+    )
     assert shown.returncode == 0, shown.stderr
     assert shown.stdout.splitlines()[-1] == "ready"
     done = subprocess.run(
-        [PLIANT, "check-cell", "--json"], capture_output=True, text=True, check=False
+        [PLIANT, "check-cell", "--json"], capture_output=True, encoding="utf-8", check=False
     )
     document = json.loads(done.stdout)
     assert document["ready"] is True

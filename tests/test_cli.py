@@ -19,7 +19,7 @@ CELL = str(files("pliant") / "ur5e" / "example.yaml")
 def pliant(*words: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     command = [str(PLIANT), *map(str, words)]
     return subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=120, cwd=cwd
+        command, capture_output=True, encoding="utf-8", check=False, timeout=120, cwd=cwd
     )
 
 
@@ -39,7 +39,7 @@ def test_a_run_tells_its_story_and_leaves_a_whole_result_folder(tmp_path: Path) 
     assert not (trial / "video.mp4").exists()
     again = pliant("run", "--seed", "1", "--no-video", "--out", out)
     assert again.returncode == 0
-    assert len((out / "journal.jsonl").read_text().splitlines()) == 1
+    assert len((out / "journal.jsonl").read_text(encoding="utf-8").splitlines()) == 1
 
 
 def test_json_is_one_line_with_the_columns_of_the_trials_table(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_an_experiment_in_a_real_cell_has_one_worker_and_a_person(tmp_path: Path
 
 
 def test_an_output_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("important")
+    (tmp_path / "thesis.tex").write_text("important", encoding="utf-8")
     done = pliant("run", "--no-video", "--out", tmp_path)
     assert done.returncode == 2
     assert "holds something else" in done.stderr
@@ -150,7 +150,7 @@ def test_an_experiment_ends_with_its_tables_and_resumes(tmp_path: Path) -> None:
 
 def test_a_broken_recording_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     talk, out = tmp_path / "talk.jsonl", tmp_path / "out"
-    talk.write_text("not a recording\n")
+    talk.write_text("not a recording\n", encoding="utf-8")
     refused = pliant("run", "--reasoner", "vlm", "--replay", str(talk), "--out", str(out))
     assert refused.returncode == 2
     assert "line 1, is broken" in refused.stderr
@@ -163,7 +163,8 @@ def test_running_again_after_a_change_keeps_what_was_run_before(tmp_path: Path) 
     for text, folder in (("first", ""), ("second", f"{tmp_path}/")):
         mine.write_text(
             "from pliant.reasoners.controls import OpenLoop\n"
-            f'class Mine(OpenLoop):\n    """{text}"""\n'
+            f'class Mine(OpenLoop):\n    """{text}"""\n',
+            encoding="utf-8",
         )
         ran = pliant("run", "--reasoner", f"{folder}mine.py:Mine", "--no-video", cwd=tmp_path)
         assert ran.returncode in (0, 1), ran.stderr
@@ -180,7 +181,7 @@ def test_running_again_after_a_change_keeps_what_was_run_before(tmp_path: Path) 
 
 def test_a_reader_that_has_seen_enough_gets_no_traceback(tmp_path: Path) -> None:
     command = f"{PLIANT} run --help | head -1"
-    ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    ran = subprocess.run(["bash", "-c", command], capture_output=True, encoding="utf-8")
     assert "Traceback" not in ran.stderr
 
 
@@ -190,5 +191,7 @@ def test_starting_the_command_line_loads_no_optional_library() -> None:
         "optional = {'pydantic_ai', 'gymnasium', 'ray', 'rerun', 'rtde_control', 'mujoco'}\n"
         "print(*optional & set(sys.modules))"
     )
-    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    ran = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, encoding="utf-8", check=True
+    )
     assert ran.stdout.split() == []

@@ -36,26 +36,33 @@ def name(path: Path) -> str:
 
 def fences(path: Path, language: str) -> list[str]:
     """Code of a language that is not a file to be saved."""
-    return [code for info, code in _FENCE.findall(path.read_text()) if info.strip() == language]
+    return [
+        code
+        for info, code in _FENCE.findall(path.read_text(encoding="utf-8"))
+        if info.strip() == language
+    ]
 
 
 def files_to_save(path: Path) -> dict[str, str]:
     """Code under a title, by its file's name."""
     titled = re.compile(r'title="([^"]+)"')
-    found = ((titled.search(info), code) for info, code in _FENCE.findall(path.read_text()))
+    found = (
+        (titled.search(info), code)
+        for info, code in _FENCE.findall(path.read_text(encoding="utf-8"))
+    )
     return {title[1]: code for title, code in found if title is not None}
 
 
 def anchors(path: Path) -> set[str]:
     """A document's headings as a code host writes them into addresses."""
-    text = _FENCE.sub("", path.read_text())
+    text = _FENCE.sub("", path.read_text(encoding="utf-8"))
     headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=name)
 def test_every_link_leads_to_a_file_and_a_heading_of_it(path: Path) -> None:
-    for link, anchor in _LINK.findall(_FENCE.sub("", path.read_text())):
+    for link, anchor in _LINK.findall(_FENCE.sub("", path.read_text(encoding="utf-8"))):
         target = (path.parent / link).resolve() if link else path
         assert target.exists(), f"{link} leads nowhere"
         assert target.is_relative_to(ROOT)
@@ -71,7 +78,7 @@ def commands() -> list[Any]:
     lines = [
         (path, line.strip())
         for path in DOCUMENTS
-        for line in path.read_text().replace("\\\n", " ").splitlines()
+        for line in path.read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
         if re.match("(    )?pliant [a-z-]+", line)
     ]
     return [pytest.param(line, id=f"{name(path)}: {line}") for path, line in lines]
@@ -134,12 +141,12 @@ def test_everything_that_code_in_a_document_imports_from_pliant_exists(path: Pat
 @pytest.mark.parametrize("path", [p for p in RUN if fences(p, "python")], ids=name)
 def test_the_code_of_the_how_tos_runs(path: Path, tmp_path: Path) -> None:
     for code in fences(path, "python"):
-        (tmp_path / "snippet.py").write_text(code)
+        (tmp_path / "snippet.py").write_text(code, encoding="utf-8")
         done = subprocess.run(
             [sys.executable, "snippet.py"],
             cwd=tmp_path,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             check=False,
         )
         assert done.returncode == 0, done.stderr
@@ -155,7 +162,7 @@ def test_a_documents_own_reasoner_recovers_and_inserts(
 ) -> None:
     code = files_to_save(ROOT / "docs" / page)[file]
     assert len(code.splitlines()) <= 45
-    (tmp_path / file).write_text(code)
+    (tmp_path / file).write_text(code, encoding="utf-8")
     spec = Spec(
         task=load_task("circle"),
         condition=condition("all"),
@@ -170,6 +177,6 @@ def test_a_documents_own_reasoner_recovers_and_inserts(
 def test_the_files_of_the_how_tos_can_be_used(tmp_path: Path) -> None:
     how_to = ROOT / "docs" / "how-to"
     for page, file in (("peg.md", "my_peg.yaml"), ("experiments.md", "mine.yaml")):
-        (tmp_path / file).write_text(files_to_save(how_to / page)[file])
+        (tmp_path / file).write_text(files_to_save(how_to / page)[file], encoding="utf-8")
     assert load_task(str(tmp_path / "my_peg.yaml")).peg.name == "my_peg"
     assert len(plan.load(tmp_path / "mine.yaml")) == 110

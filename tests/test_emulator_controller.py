@@ -353,7 +353,7 @@ def test_a_fault_file_that_cannot_be_used_says_why(
     tmp_path: Path, text: str, complaint: str
 ) -> None:
     path = tmp_path / "faults.yaml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=complaint) as caught:
         faults.load(path)
     assert "\n" not in str(caught.value)
@@ -361,7 +361,9 @@ def test_a_fault_file_that_cannot_be_used_says_why(
 
 def test_faults_come_in_the_order_of_their_times(tmp_path: Path) -> None:
     path = tmp_path / "faults.yaml"
-    path.write_text("- {at_s: 2, kind: power_off}\n- {at_s: 1, kind: stall, seconds: 0.5}\n")
+    path.write_text(
+        "- {at_s: 2, kind: power_off}\n- {at_s: 1, kind: stall, seconds: 0.5}\n", encoding="utf-8"
+    )
     assert [(at, fault.kind) for at, fault in faults.load(path)] == [
         (1.0, "stall"),
         (2.0, "power_off"),

@@ -310,7 +310,7 @@ def test_a_connection_cut_at_its_time_is_noticed_and_can_be_made_anew(tmp_path: 
     from rtde_receive import RTDEReceiveInterface
 
     plan = tmp_path / "faults.yaml"
-    plan.write_text("- {at_s: 0.5, kind: drop_rtde}\n")
+    plan.write_text("- {at_s: 0.5, kind: drop_rtde}\n", encoding="utf-8")
     with started("--host", OTHER_HOST, "--mode", "lockstep", "--faults", str(plan)) as emulator:
         receive = RTDEReceiveInterface(OTHER_HOST, 500.0, ["timestamp"])
         emulator.grant(249)
@@ -355,7 +355,7 @@ def test_a_taken_port_is_one_line(emulator: Admin) -> None:
 def test_other_addresses_than_loopback_are_warned_of(tmp_path: Path) -> None:
     """Nothing is served: the peg is unknown."""
     command = [sys.executable, "-m", "pliant.emulator", "--host", "0.0.0.0", "--peg", "pentagon"]
-    said = subprocess.run(command, capture_output=True, text=True)
+    said = subprocess.run(command, capture_output=True, encoding="utf-8")
     assert said.returncode == 2
     warning, error = said.stderr.splitlines()
     assert warning.startswith("warning: 0.0.0.0 can be reached from other machines")
@@ -371,7 +371,9 @@ def test_an_emulator_ends_with_the_process_that_started_it(tmp_path: Path) -> No
         "    print(json.dumps(admin.ask('state')), flush=True)\n"
         "    time.sleep(600)\n"
     )
-    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, encoding="utf-8"
+    )
     assert parent.stdout is not None
     assert json.loads(parent.stdout.readline())["program"] == "STOPPED"
     os.kill(parent.pid, signal.SIGKILL)
@@ -389,9 +391,9 @@ def test_an_emulator_ends_with_the_process_that_started_it(tmp_path: Path) -> No
 
 
 def test_the_documented_example_touches_the_board() -> None:
-    text = (Path(__file__).parent.parent / "docs" / "emulator.md").read_text()
+    text = (Path(__file__).parent.parent / "docs" / "emulator.md").read_text(encoding="utf-8")
     code = text.split("```python\n", 1)[1].split("```", 1)[0].replace("127.0.0.1", OTHER_HOST)
     with started("--host", OTHER_HOST):
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("touched the board with")

@@ -354,7 +354,7 @@ def test_an_action_is_the_recovery_it_stands_for(values: list[float], failed: Fo
 
 
 def test_every_name_is_documented() -> None:
-    text = (Path(__file__).parent.parent / "docs" / "environments.md").read_text()
+    text = (Path(__file__).parent.parent / "docs" / "environments.md").read_text(encoding="utf-8")
     missing = [name for name in (*STATE, *FIELDS, *ACTION) if f"`{name}`" not in text]
     assert not missing
 
@@ -428,7 +428,7 @@ def test_a_bad_render_mode_option_or_action_is_refused_in_one_line(
 
 def run(program: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+        [sys.executable, "-c", program], capture_output=True, encoding="utf-8", check=False
     )
 
 

@@ -41,7 +41,7 @@ def test_what_was_written_is_read_back_in_any_order(path: Path) -> None:
 
 def test_every_line_is_plain_json(path: Path) -> None:
     written(path, 2)
-    for line in path.read_text().splitlines():
+    for line in path.read_text(encoding="utf-8").splitlines():
         assert json.loads(line)["rows"]["trial"]["inserted"] is True
 
 

@@ -26,7 +26,7 @@ cells:
 
 def file_of(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "experiment.yaml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -130,13 +130,13 @@ def test_a_file_that_is_no_experiment_is_refused_and_runs_nothing(
 
 def test_the_fingerprint_changes_with_all_that_decides_outcomes(tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
-    mine.write_text("from pliant.reasoners.rules import Rules as Mine\n")
+    mine.write_text("from pliant.reasoners.rules import Rules as Mine\n", encoding="utf-8")
     fields = {**NAMES, "pegs": ["circle"], "reasoners": [f"{mine}:Mine"]}
     before = from_fields(fields)
     assert before.fingerprint == from_fields(fields).fingerprint
     for change in ({"trials": 3}, {"first_seed": 2}, {"conditions": ["all"]}):
         assert from_fields({**fields, **change}).fingerprint != before.fingerprint
-    mine.write_text("from pliant.reasoners.controls import Retry as Mine\n")
+    mine.write_text("from pliant.reasoners.controls import Retry as Mine\n", encoding="utf-8")
     after = from_fields(fields)
     assert after.fingerprint != before.fingerprint
     assert differences(before.document, after.document) == ["cells"]

@@ -165,12 +165,12 @@ def test_what_is_not_finite_was_not_measured() -> None:
 
 @pytest.mark.parametrize("columns", [TRIALS, EXECUTIONS])
 def test_the_data_dictionary_lists_every_column_as_it_is(columns: tuple[object, ...]) -> None:
-    assert dictionary(columns) in DOCUMENT.read_text()  # type: ignore[arg-type]
+    assert dictionary(columns) in DOCUMENT.read_text(encoding="utf-8")  # type: ignore[arg-type]
 
 
 def test_the_documents_first_example_runs(tmp_path: Path) -> None:
     results.write_rows(tmp_path, [rows_of(trial((FIT, BEFORE), (STOPPED, SEATED)))])
-    blocks = DOCUMENT.read_text().split("```python\n")[1:]
+    blocks = DOCUMENT.read_text(encoding="utf-8").split("```python\n")[1:]
     code = next(b.partition("```")[0] for b in blocks if "pyarrow" in b)
     found: dict[str, object] = {}
     exec(code.replace("runs/table2", str(tmp_path)), found)

@@ -101,7 +101,7 @@ def driver(folder: Path) -> "subprocess.Popen[bytes]":
 def workers_of(process: "subprocess.Popen[bytes]") -> list[int]:
     """Its spawned workers; not the process that watches shared memory."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    pids = children.read_text().split() if children.exists() else []
+    pids = children.read_text(encoding="utf-8").split() if children.exists() else []
     return [int(p) for p in pids if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
 
 
@@ -273,9 +273,12 @@ def test_a_script_without_its_guard_is_told_so(tmp_path: Path) -> None:
         "from pliant.experiment.plan import from_fields\n"
         "from pliant.experiment.runner import run\n"
         "names = {'pegs': ['circle'], 'conditions': ['none'], 'reasoners': ['rules']}\n"
-        f"run(from_fields(names), Path({str(tmp_path / 'out')!r}), workers=2)\n"
+        f"run(from_fields(names), Path({str(tmp_path / 'out')!r}), workers=2)\n",
+        encoding="utf-8",
     )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, encoding="utf-8", check=False
+    )
     assert done.returncode == 1
     assert "worker processes die as they start" in done.stderr
 

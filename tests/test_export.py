@@ -47,7 +47,10 @@ def asked(source: Source, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def lines(asked: Path, split: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (asked / f"{split}.jsonl").read_text().splitlines()]
+    return [
+        json.loads(line)
+        for line in (asked / f"{split}.jsonl").read_text(encoding="utf-8").splitlines()
+    ]
 
 
 def everything(asked: Path) -> list[dict[str, Any]]:
@@ -60,7 +63,7 @@ def everything(asked: Path) -> list[dict[str, Any]]:
 def test_an_export_overwrites_nothing(source: Source, tmp_path: Path) -> None:
     kept = tmp_path / "out" / "mine.txt"
     kept.parent.mkdir()
-    kept.write_text("mine")
+    kept.write_text("mine", encoding="utf-8")
     for write in (failure_qa.write, lerobot.write):
         with pytest.raises(InputError, match="nothing is overwritten"):
             write(source, tmp_path / "out")
@@ -92,7 +95,7 @@ def test_an_export_that_fails_leaves_nothing(folder: Path, source: Source, tmp_p
     assert source.saved
     broken = tmp_path / "run"
     shutil.copytree(folder, broken)
-    (broken / "trials" / HELD_OUT / "trial.json").write_text("{}")
+    (broken / "trials" / HELD_OUT / "trial.json").write_text("{}", encoding="utf-8")
     (tmp_path / "exports").mkdir()
     with pytest.raises(InputError, match="schema None"):
         failure_qa.write(open_run(broken), tmp_path / "exports" / "questions")
@@ -124,7 +127,7 @@ def test_no_drawn_setup_is_in_both_splits_and_every_fifth_seed_is_held_out(
 
 
 def test_a_card_says_where_the_data_come_from(asked: Path, source: Source) -> None:
-    card = (asked / "README.md").read_text()
+    card = (asked / "README.md").read_text(encoding="utf-8")
     assert card.startswith("---\nlicense: apache-2.0\n")
     assert str(source.run["commit"]) in card
     assert str(source.run["configuration"]["fingerprint"]) in card
@@ -151,11 +154,13 @@ def test_the_command_exports_and_refuses_in_one_line(
 
     def export(*words: str | Path) -> "subprocess.CompletedProcess[str]":
         command = [str(PLIANT), "export", str(folder), *map(str, words)]
-        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+        return subprocess.run(
+            command, capture_output=True, encoding="utf-8", check=False, timeout=120
+        )
 
     done = export("--failure-qa", tmp_path / "qa", "--trial", RECOVERED)
     assert done.returncode == 0, done.stderr
-    asked = (tmp_path / "qa" / "train.jsonl").read_text().count("\n")
+    asked = (tmp_path / "qa" / "train.jsonl").read_text(encoding="utf-8").count("\n")
     assert f"{asked} train, 0 test questions" in done.stdout
     refused = export()
     assert refused.returncode == 2
@@ -236,12 +241,12 @@ def test_train_and_test_share_neither_seeds_nor_pictures(asked: Path) -> None:
 
 
 def test_the_documents_snippet_reads_the_corrections(asked: Path, tmp_path: Path) -> None:
-    text = (Path(__file__).parent.parent / "docs/datasets.md").read_text()
+    text = (Path(__file__).parent.parent / "docs/datasets.md").read_text(encoding="utf-8")
     code = text.split("```python\n")[2].split("```")[0]
     (tmp_path / "exports").mkdir()
     (tmp_path / "exports/failure-qa").symlink_to(asked)
     command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stderr
     corrected = [line for line in lines(asked, TRAIN) if line["type"] == "correct"]
     assert len(done.stdout.splitlines()) == len(corrected) > 0

@@ -84,12 +84,12 @@ def trials(run: tuple[Source, dict[str, Trial]]) -> dict[str, Trial]:
 def read(run: tuple[Source, dict[str, Trial]], tmp_path_factory: pytest.TempPathFactory) -> Read:
     folder = tmp_path_factory.mktemp("exports") / "data"
     assert lerobot.write(run[0], folder, fps=FPS, workers=2) == {"train": 2, "test": 1}
-    info = json.loads((folder / "meta/info.json").read_text())
+    info = json.loads((folder / "meta/info.json").read_text(encoding="utf-8"))
     place = {"chunk_index": 0, "file_index": 0}
     return Read(
         folder=folder,
         info=info,
-        stats=json.loads((folder / "meta/stats.json").read_text()),
+        stats=json.loads((folder / "meta/stats.json").read_text(encoding="utf-8")),
         frames=pq.read_table(folder / info["data_path"].format(**place)),
         episodes=pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet"),
         executions=pq.read_table(folder / "meta/executions.parquet").to_pylist(),
@@ -265,7 +265,7 @@ def test_a_trial_alone_made_in_this_process_is_the_same_episode(
     assert lerobot.write(alone, tmp_path / "data", fps=FPS) == {"train": 1, "test": 0}
     frames = pq.read_table(tmp_path / "data/data/chunk-000/file-000.parquet")
     assert frames.equals(read.of(read.episode(RECOVERED)))  # the first of the whole data set
-    info = json.loads((tmp_path / "data/meta/info.json").read_text())
+    info = json.loads((tmp_path / "data/meta/info.json").read_text(encoding="utf-8"))
     assert info["splits"] == {"train": "0:1"}
 
 
@@ -309,12 +309,12 @@ def test_wrong_options_are_refused_before_anything_is_written(
 
 
 def test_the_documents_snippet_reads_the_failed_executions(read: Read, tmp_path: Path) -> None:
-    text = (Path(__file__).parent.parent / "docs/datasets.md").read_text()
+    text = (Path(__file__).parent.parent / "docs/datasets.md").read_text(encoding="utf-8")
     code = text.split("```python\n")[1].split("```")[0]
     (tmp_path / "exports").mkdir()
     (tmp_path / "exports/lerobot").symlink_to(read.folder)
     command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stderr
     failed = [e for e in read.executions if not e["success"]]
     assert done.stdout.count("(480, 640, 3)") == len(failed) > 0

@@ -155,7 +155,7 @@ def test_the_server_ends_with_a_killed_test_run(tmp_path: Path) -> None:
         [sys.executable, "-c", code, str(tmp_path)],
         cwd=Path(__file__).parent,
         stdout=subprocess.PIPE,
-        text=True,
+        encoding="utf-8",
     ) as run:
         assert run.stdout is not None
         url = run.stdout.readline().strip()

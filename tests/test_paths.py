@@ -39,10 +39,10 @@ def project(folder: Path, diameter: float = 30.0) -> Path:
     """An experiment file with all the files that it names beside it."""
     own = folder / "own"
     shutil.copytree(str(files("pliant") / "goals"), own / "goals")
-    (own / "mine.py").write_text(MINE)
-    (own / "thick.yaml").write_text(PEG.format(diameter))
+    (own / "mine.py").write_text(MINE, encoding="utf-8")
+    (own / "thick.yaml").write_text(PEG.format(diameter), encoding="utf-8")
     path = folder / "experiment.yaml"
-    path.write_text(EXPERIMENT)
+    path.write_text(EXPERIMENT, encoding="utf-8")
     return path
 
 
@@ -93,7 +93,7 @@ def test_a_person_sees_what_lies_below_the_current_folder_without_it(
 def test_one_file_names_another_through_links(tmp_path: Path) -> None:
     (tmp_path / "deep" / "goals").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "deep" / "goals")
-    (tmp_path / "peg.yaml").write_text("")
+    (tmp_path / "peg.yaml").write_text("", encoding="utf-8")
     way = seen_from(tmp_path / "peg.yaml", tmp_path / "link")
     assert way == "../../peg.yaml"
     assert located(way, tmp_path / "link").is_file()
@@ -108,7 +108,7 @@ def test_a_reasoners_file_may_stand_in_any_folder(
 ) -> None:
     folder = tmp_path / name
     folder.mkdir()
-    (folder / "mine.py").write_text(MINE)
+    (folder / "mine.py").write_text(MINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     given = f"{name}/mine.py:Mine"
     assert own_file(given) == (folder / "mine.py", "Mine")
@@ -171,7 +171,7 @@ def test_a_project_that_was_moved_goes_on(tmp_path: Path, monkeypatch: pytest.Mo
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
-        (tmp_path / folder / "mine.py").write_text(MINE)
+        (tmp_path / folder / "mine.py").write_text(MINE, encoding="utf-8")
     twins = [f"{tmp_path}/{folder}/mine.py:Mine" for folder in ("a", "b")]
     with pytest.raises(InputError, match="two different cells are both named"):
         from_fields({"pegs": "circle", "conditions": "none", "reasoners": twins})
@@ -183,7 +183,7 @@ def elsewhere(job: Job) -> Rows:
     made = reasoner(job.spec.reasoner).name
     assert job.goals is not None
     assert Path(job.goals).is_file()
-    (job.folder / f"{job.spec.seed}.txt").write_text(f"{job.record} {job.replay}")
+    (job.folder / f"{job.spec.seed}.txt").write_text(f"{job.record} {job.replay}", encoding="utf-8")
     return lost(job.spec, "made_up", made, 0.0)
 
 
@@ -198,7 +198,7 @@ def test_workers_find_everything_from_another_folder(
         from_fields(fields), Path("out"), workers=1, work=elsewhere, record=Path("talk")
     )
     assert done.complete
-    assert (tmp_path / "out" / "1.txt").read_text() == f"{tmp_path}/talk None"
+    assert (tmp_path / "out" / "1.txt").read_text(encoding="utf-8") == f"{tmp_path}/talk None"
 
 
 # --- goals, drafts and cells ---------------------------------------------------------------------
@@ -210,13 +210,15 @@ def test_goals_taught_with_a_peg_of_ones_own_can_be_moved(
     before, after = tmp_path / "before", tmp_path / "after"
     (before / "pegs").mkdir(parents=True)
     peg = before / "pegs" / "thick.yaml"
-    peg.write_text(PEG.format(30))
+    peg.write_text(PEG.format(30), encoding="utf-8")
     shipped = teaching.shipped()
     shown = {f: replace(d, peg=str(peg)) for f, d in shipped.demonstrations.items()}
     teaching.save(before / "goals" / "goals.yaml", teaching.taught(shipped.goals, shown))
     draft = Draft(folder=before / "goals" / "more.draft", cell=before / "cell.yaml", peg=str(peg))
     draft.save(())
-    assert "peg: ../pegs/thick.yaml\n" in (before / "goals" / "goals.yaml").read_text()
+    assert "peg: ../pegs/thick.yaml\n" in (before / "goals" / "goals.yaml").read_text(
+        encoding="utf-8"
+    )
     before.rename(after)
     monkeypatch.chdir(after)
     loaded = teaching.load(Path("goals/goals.yaml"))
@@ -230,13 +232,18 @@ def test_goals_taught_with_a_peg_of_ones_own_can_be_moved(
 def test_the_peg_of_the_goals_is_in_the_fingerprint(tmp_path: Path) -> None:
     project(tmp_path)
     goals = tmp_path / "own" / "goals" / "goals.yaml"
-    goals.write_text(goals.read_text().replace("peg: circle", "peg: ../thick.yaml"))
+    goals.write_text(
+        goals.read_text(encoding="utf-8").replace("peg: circle", "peg: ../thick.yaml"),
+        encoding="utf-8",
+    )
 
     def planned() -> Experiment:
         return load(tmp_path / "experiment.yaml")
 
     before = planned().fingerprint
-    (tmp_path / "own" / "thick.yaml").write_text(PEG.format(30).replace("80", "85"))
+    (tmp_path / "own" / "thick.yaml").write_text(
+        PEG.format(30).replace("80", "85"), encoding="utf-8"
+    )
     assert planned().document["goals"] != load(project(tmp_path / "other")).document["goals"]
     assert planned().fingerprint != before
 

@@ -58,7 +58,7 @@ def noted(job: Job) -> Rows:
 
 def notes(folder: Path, node: str) -> int:
     path = folder / node
-    return len(path.read_text().splitlines()) if path.exists() else 0
+    return len(path.read_text(encoding="utf-8").splitlines()) if path.exists() else 0
 
 
 def drive(address: str, folder: str) -> None:
@@ -107,7 +107,7 @@ class Process:
         return self._process.wait(RUN_S)
 
     def said(self) -> str:
-        return self._log.read_text()
+        return self._log.read_text(encoding="utf-8")
 
 
 def node(name: str, folder: Path, *options: str, **environment: str) -> Process:
@@ -135,7 +135,9 @@ def test_a_killed_node_loses_nothing_and_changes_nothing(
     tmp_path: Path, ray_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     far, near = tmp_path / "far", tmp_path / "near"
-    (tmp_path / "mine.py").write_text("from pliant.reasoners.rules import Rules as Mine\n")
+    (tmp_path / "mine.py").write_text(
+        "from pliant.reasoners.rules import Rules as Mine\n", encoding="utf-8"
+    )
     monkeypatch.chdir(tmp_path)
     with socket.create_server((HEAD, 0)) as free:
         port = free.getsockname()[1]

@@ -36,7 +36,7 @@ def folder(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def page_of(folder: Path) -> Page:
-    return Page((folder / "index.html").read_text())
+    return Page((folder / "index.html").read_text(encoding="utf-8"))
 
 
 # --- the page ----------------------------------------------------------------------------------
@@ -102,7 +102,9 @@ def test_the_page_tells_plan_refusal_and_truth_apart(folder: Path, trial: Trial)
 
 def test_the_page_needs_no_network_and_every_picture_is_there_and_described(folder: Path) -> None:
     page = page_of(folder)
-    assert not re.search(r"(src|href)=\"((?!data:,)\w+:|//)", (folder / "index.html").read_text())
+    assert not re.search(
+        r"(src|href)=\"((?!data:,)\w+:|//)", (folder / "index.html").read_text(encoding="utf-8")
+    )
     for picture in page.all("img"):
         assert picture["alt"]
         assert (folder / str(picture["src"])).is_file()
@@ -243,5 +245,5 @@ def test_the_video_decodes_with_every_frame(trial: Trial, tmp_path: Path) -> Non
         assert stream.average_rate == video.FRAMES_PER_S
         frames = sum(1 for _ in container.decode(stream))
     assert frames == len(video.storyboard(brief, short))
-    assert "video.mp4" in (tmp_path / "index.html").read_text()
+    assert "video.mp4" in (tmp_path / "index.html").read_text(encoding="utf-8")
     assert not list(tmp_path.glob("**/.*"))

@@ -124,7 +124,9 @@ def test_an_unknown_reasoner_lists_the_valid_ones() -> None:
 
 def test_a_reasoner_of_ones_own_is_named_by_its_file_and_class(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
-    path.write_text("from pliant.reasoners.rules import Rules\nclass Mine(Rules): ...\n")
+    path.write_text(
+        "from pliant.reasoners.rules import Rules\nclass Mine(Rules): ...\n", encoding="utf-8"
+    )
     assert type(reasoner(f"{path}:Mine")).__name__ == "Mine"
     with pytest.raises(InputError, match="cannot be made"):
         reasoner(f"{path}:Yours")
@@ -143,7 +145,8 @@ def test_a_reasoner_of_ones_own_may_be_a_dataclass_with_postponed_annotations(
         "class Mine:\n"
         "    name: str = 'mine'\n"
         "    def judge(self, case): ...\n"
-        "    def recover(self, case, verdict): ...\n"
+        "    def recover(self, case, verdict): ...\n",
+        encoding="utf-8",
     )
     assert reasoner(f"{path}:Mine").name == "mine"
 

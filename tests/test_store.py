@@ -109,12 +109,12 @@ def test_a_stored_case_can_be_judged_again(trial: Trial, tmp_path: Path) -> None
 
 
 def _edit(folder: Path, path: list[Any], value: Any) -> None:
-    document = json.loads((folder / "trial.json").read_text())
+    document = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
     inner = document
     for key in path[:-1]:
         inner = inner[key]
     inner[path[-1]] = value
-    (folder / "trial.json").write_text(json.dumps(document))
+    (folder / "trial.json").write_text(json.dumps(document), encoding="utf-8")
 
 
 def _view(name: str) -> list[Any]:
@@ -193,7 +193,7 @@ def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
 
 def test_a_run_says_what_made_it(tmp_path: Path) -> None:
     write_run_json(tmp_path, configuration={"seeds": [0, 20]}, reasoner="vlm", model="qwen")
-    run = json.loads((tmp_path / "run.json").read_text())
+    run = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
     assert run["configuration"] == {"seeds": [0, 20]}
     assert (run["reasoner"], run["model"]) == ("vlm", "qwen")
     assert set(run["versions"]) == {"python", "pliant", "mujoco", "opencv", "numpy"}

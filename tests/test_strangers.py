@@ -47,8 +47,8 @@ def mine(tmp_path: Path) -> Iterator[Path]:
     """A folder of mine, that is the same afterwards."""
     home = tmp_path / "home"
     (home / "photos").mkdir(parents=True)
-    (home / "photos" / "holiday.jpg").write_text("mine")
-    (home / ".bashrc").write_text("mine")
+    (home / "photos" / "holiday.jpg").write_text("mine", encoding="utf-8")
+    (home / ".bashrc").write_text("mine", encoding="utf-8")
     before = _content(home)
     yield home
     assert _content(home) == before
@@ -259,7 +259,9 @@ def test_a_goals_picture_is_refused_by_its_header_and_lies_beside_its_file(tmp_p
     (tmp_path / "fit.png").write_bytes(png(11000, 3600))
     with pytest.raises(InputError, match="11000 x 3600"):
         teaching.load(goals)
-    goals.write_text(goals.read_text().replace("fit.png", "../fit.png"))
+    goals.write_text(
+        goals.read_text(encoding="utf-8").replace("fit.png", "../fit.png"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="is in another folder"):
         teaching.load(goals)
 
@@ -356,9 +358,9 @@ def test_changed_results_are_refused_or_read_the_same(folder: Path, data: st.Dat
 def test_a_broken_run_json_costs_the_experiments_page_and_no_trials(
     folder: Path, change: Callable[[dict[str, Any]], None]
 ) -> None:
-    run = json.loads((folder / "run.json").read_text())
+    run = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     change(run)
-    (folder / "run.json").write_text(json.dumps(run))
+    (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
     viewed = view(folder, [shipped()])
     assert len(viewed.problems) == 1
     assert str(folder) in viewed.problems[0]
@@ -452,7 +454,7 @@ def test_any_change_to_a_record_gives_a_page_or_one_line(
     before = path.read_bytes()
     document = json.loads(before)
     way = data.draw(st.sampled_from(sorted(_places(document), key=str)))
-    path.write_text(json.dumps(_changed(document, way, data.draw(_JSON))))
+    path.write_text(json.dumps(_changed(document, way, data.draw(_JSON))), encoding="utf-8")
     try:
         assert all("\n" not in problem for problem in look(folder))
     except InputError as refused:

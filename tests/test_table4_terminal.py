@@ -38,7 +38,7 @@ def agree(terminal: Terminal, seed: int) -> None:
 def test_a_person_places_agrees_labels_and_stops_by_ctrl_c(tmp_path: Path) -> None:
     """However late a loaded machine lets the arm's driver run: the emulator waits for it."""
     plan, file, out = (tmp_path / name for name in ("plan.yaml", "cell.yaml", "out"))
-    plan.write_text(PLAN)
+    plan.write_text(PLAN, encoding="utf-8")
     pace = ("--mode", "fast", "--speed", "3", "--client-patience", "60")
     with started("--host", HOST, *pace) as emulator:
         emulator.set_up(Setup(seed=0, hole_y=-0.01), "circle")

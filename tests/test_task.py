@@ -29,7 +29,7 @@ def peg_file(tmp_path: Path) -> WritePeg:
 
     def write(text: str) -> str:
         path = tmp_path / "mine.yaml"
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
         return str(path)
 
     return write

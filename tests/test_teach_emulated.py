@@ -43,7 +43,7 @@ def cell(emulator: Admin, tmp_path: Path) -> str:
 
 def checks(cell: str) -> tuple[int, dict[str, str]]:
     command = [PLIANT, "check-cell", "--cell", cell, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
     return done.returncode, {c["check"]: c["state"] for c in json.loads(done.stdout)["checks"]}
 
 
@@ -68,7 +68,9 @@ def test_goals_taught_with_keys_at_the_arm_insert_the_peg(cell: str, tmp_path: P
         "--out",
         str(tmp_path / "run"),
     ]
-    done = subprocess.run([PLIANT, "run", *words], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [PLIANT, "run", *words], capture_output=True, encoding="utf-8", check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -309,6 +309,6 @@ def test_a_draft_of_another_cell_or_peg_or_a_broken_one_is_refused(tmp_path: Pat
     (folder / "0-approach.png").write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"cannot be used .* is no picture"):
         Draft(folder=folder, cell=None, peg="circle").load()
-    (folder / "draft.yaml").write_text("[]")
+    (folder / "draft.yaml").write_text("[]", encoding="utf-8")
     with pytest.raises(InputError, match="cannot be used"):
         Draft(folder=folder, cell=None, peg="circle").load()

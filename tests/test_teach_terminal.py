@@ -56,9 +56,9 @@ def test_goals_taught_with_keys_over_two_sessions_insert_the_peg(tmp_path: Path)
         tmp_path / "run",
     ]
     run = [str(PLIANT), *map(str, words)]
-    done = subprocess.run(run, capture_output=True, text=True, check=False)
+    done = subprocess.run(run, capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    again = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
     assert again.returncode == 2
     assert "goals are not overwritten" in again.stderr
 
@@ -102,7 +102,7 @@ def test_teaching_ends_when_its_terminal_hangs_up_and_keeps_what_was_recorded(
 def test_without_a_terminal_teaching_is_refused_in_one_line(tmp_path: Path) -> None:
     command = list(map(str, [PLIANT, "teach", "--goals", tmp_path / "goals.yaml"]))
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+        command, capture_output=True, encoding="utf-8", check=False, stdin=subprocess.DEVNULL
     )
     assert done.returncode == 2
     assert "this is none: use ssh -t" in done.stderr

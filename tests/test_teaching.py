@@ -26,9 +26,9 @@ def goal_file(tmp_path: Path) -> Path:
 
 
 def edit(path: Path, change: Edit) -> None:
-    document = yaml.safe_load(path.read_text())
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
     change(document)
-    path.write_text(yaml.safe_dump(document))
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
 
 
 def refused(path: Path, limits: Limits | None = None) -> str:
@@ -136,7 +136,7 @@ def test_a_goal_file_that_is_not_yaml_is_refused(goal_file: Path, content: bytes
 
 @pytest.mark.parametrize("content", ["schema: 2\n", 'schema: "1"\n'])
 def test_a_goal_file_of_another_schema_is_refused(goal_file: Path, content: str) -> None:
-    goal_file.write_text(content)
+    goal_file.write_text(content, encoding="utf-8")
     assert "it must be 1" in refused(goal_file)
 
 

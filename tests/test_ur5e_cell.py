@@ -113,7 +113,7 @@ def test_at_a_real_cell_a_person_sets_the_scene_agrees_to_the_motion_and_labels(
 @needs_extra
 def test_an_emulated_cell_has_the_shipped_pegs_only(emulator: Admin, tmp_path: Path) -> None:
     peg = tmp_path / "thick.yaml"
-    peg.write_text("shape: circle\ndiameter_mm: 40\n")
+    peg.write_text("shape: circle\ndiameter_mm: 40\n", encoding="utf-8")
     with (
         UrCell(cell_at(HOST)) as cell,
         pytest.raises(InputError, match=r"shipped pegs only .* not 'thick'"),

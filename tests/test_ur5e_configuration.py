@@ -20,17 +20,17 @@ EXAMPLE = Path(str(files("pliant") / "ur5e" / "example.yaml"))
 
 def changed(tmp_path: Path, section: str, **fields: Any) -> Path:
     """The example with some fields of a section changed; None leaves a field out."""
-    data = yaml.safe_load(EXAMPLE.read_text())
+    data = yaml.safe_load(EXAMPLE.read_text(encoding="utf-8"))
     merged = {**data[section], **fields}
     data[section] = {k: v for k, v in merged.items() if v is not None}
     path = tmp_path / "cell.yaml"
-    path.write_text(yaml.safe_dump(data))
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
     return path
 
 
 def test_the_example_is_valid_and_explains_every_field() -> None:
     load(EXAMPLE)
-    text = EXAMPLE.read_text()
+    text = EXAMPLE.read_text(encoding="utf-8")
     for name, section in Configuration.model_fields.items():
         assert f"{name}:" in text
         kind = getattr(section.annotation, "__args__", (section.annotation,))[0]
@@ -97,7 +97,7 @@ def test_a_field_that_cannot_be_used_is_one_line_with_field_and_value(
 @pytest.mark.parametrize("text", ["[", "just a text", "", "- 1\n"])
 def test_a_file_that_is_no_cell_is_one_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "cell.yaml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="cell file") as caught:
         load(path)
     assert "\n" not in str(caught.value)

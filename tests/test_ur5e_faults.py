@@ -269,7 +269,7 @@ def test_a_trials_process_that_is_killed_leaves_the_arm_at_rest(
         "    go(robot, Formation.CONTACT)\n"
     )
     script = tmp_path / "killed.py"
-    script.write_text(code)
+    script.write_text(code, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
     parent = subprocess.Popen([sys.executable, script], env=environment)
     with when_moving(HOST, lambda admin: parent.kill()):
@@ -306,7 +306,9 @@ def test_what_the_controllers_limits_exclude_is_found_before_a_trial(
     boxed.ask("restore")
     goals, file = tmp_path / "goals.yaml", tmp_path / "cell.yaml"
     save_goals(goals, shipped())
-    goals.write_text(goals.read_text().replace("z_mm: 213.6", "z_mm: 350.0"))
+    goals.write_text(
+        goals.read_text(encoding="utf-8").replace("z_mm: 213.6", "z_mm: 350.0"), encoding="utf-8"
+    )
     save(file, cell_at(BOXED_HOST).model_copy(update={"goals": goals}))
     findings = {f.check: f for f in check(Where(file=file), load_task("circle"))}
     assert findings["goals"].state is State.PASS  # in the cell's workspace

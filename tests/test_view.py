@@ -31,7 +31,7 @@ PEGS = ("square", "rectangle")
 
 def look(folder: Path, **options: Any) -> tuple[Page, Viewed]:
     viewed = view(folder, [shipped()], **options)
-    return Page(viewed.page.read_text()), viewed
+    return Page(viewed.page.read_text(encoding="utf-8")), viewed
 
 
 # --- the experiment's page -----------------------------------------------------------------------
@@ -66,7 +66,7 @@ def test_every_link_and_file_of_every_page_is_there(tmp_path: Path) -> None:
     page, viewed = look(tmp_path)
     trial_page = tmp_path / next(iter(page.data["pages"].values()))
     for path in (viewed.page, trial_page):
-        shown = Page(path.read_text())
+        shown = Page(path.read_text(encoding="utf-8"))
         ids = {attributes.get("id") for _, attributes in shown.elements}
         for _, attributes in shown.elements:
             for name in ("src", "href"):
@@ -129,7 +129,7 @@ def test_an_unfinished_experiment_is_shown_as_far_as_it_is(tmp_path: Path) -> No
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name the result folder"):
         look(tmp_path)
-    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "run.json").write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match="is broken"):
         look(tmp_path)
 
@@ -168,9 +168,9 @@ def test_goals_that_are_not_known_are_said_and_their_pictures_left_out(tmp_path:
     place = store_trial(tmp_path, ran()[0])
     viewed = view(place, [])
     assert viewed.without_goals == 1
-    assert "taught goal" not in Page(viewed.page.read_text()).words
+    assert "taught goal" not in Page(viewed.page.read_text(encoding="utf-8")).words
     assert view(place, [shipped()]).made == 1
-    assert "taught goal" in Page(viewed.page.read_text()).words
+    assert "taught goal" in Page(viewed.page.read_text(encoding="utf-8")).words
 
 
 def test_the_command_prints_the_page_to_open(

@@ -24,8 +24,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "run-other" / "secret.txt").write_bytes(SECRET)
     run = root / "run"
     (run / "trials" / "a b").mkdir(parents=True)
-    (run / "index.html").write_text("<p>the experiment")
-    (run / "trials" / "a b" / "index.html").write_text("<p>a trial")
+    (run / "index.html").write_text("<p>the experiment", encoding="utf-8")
+    (run / "trials" / "a b" / "index.html").write_text("<p>a trial", encoding="utf-8")
     (run / "video.mp4").write_bytes(FILM)
     (run / "inside.html").symlink_to("index.html")
     (run / "link.txt").symlink_to(root / "secret.txt")

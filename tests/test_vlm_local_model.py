@@ -33,7 +33,7 @@ OPTIONS += [
 
 def run(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
     command = [str(Path(sys.executable).with_name("pliant")), "run", "--out", str(out)]
-    return subprocess.run([*command, *OPTIONS, *options], capture_output=True, text=True)
+    return subprocess.run([*command, *OPTIONS, *options], capture_output=True, encoding="utf-8")
 
 
 def trial_in(out: Path) -> Trial:

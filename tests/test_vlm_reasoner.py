@@ -359,7 +359,7 @@ def test_a_process_ends_at_once_and_leaves_nothing_open(interrupted: bool) -> No
             [sys.executable, "-W", "error", "-c", script],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
+            encoding="utf-8",
         )
         if interrupted:
             while not server.received:

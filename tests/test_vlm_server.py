@@ -134,7 +134,7 @@ def test_a_key_that_the_server_sends_back_stays_out_of_every_record(tmp_path: Pa
         verdicts = [mind.judge(inserted()) for _ in range(2)]
     assert "<PLIANT_VLM_KEY>" in verdicts[0].fallback
     assert "<PLIANT_VLM_KEY>" in verdicts[1].exchanges[0].reply
-    assert KEY not in tape.read_text()
+    assert KEY not in tape.read_text(encoding="utf-8")
     assert KEY not in repr(verdicts)
 
 

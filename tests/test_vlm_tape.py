@@ -104,7 +104,7 @@ def test_refusals_and_failures_are_replayed_too(tmp_path: Path) -> None:
 def test_each_picture_is_kept_once(tmp_path: Path) -> None:
     path = tmp_path / "tape.jsonl"
     recorded(path)
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     names = [line["picture"] for line in lines if "picture" in line]
     shown = [name for line in lines for name in line.get("pictures", ())]
     assert len(names) == len(set(names))
@@ -115,7 +115,7 @@ def test_each_picture_is_kept_once(tmp_path: Path) -> None:
 def test_a_recording_says_what_made_it(tmp_path: Path) -> None:
     path = tmp_path / "tape.jsonl"
     recorded(path)
-    head, *lines = [json.loads(line) for line in path.read_text().splitlines()]
+    head, *lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     assert {"pliant", "pydantic-ai-slim", "openai"} <= set(head["versions"])
     exchange = next(line for line in lines if "request" in line)
     assert exchange["request"]["sampling"] == {"temperature": 0.0, "max_tokens": 1000}
@@ -170,13 +170,13 @@ def test_a_file_that_cannot_be_used_is_refused(
 
 def test_what_is_no_recording_is_not_written_over(tmp_path: Path) -> None:
     thesis = tmp_path / "thesis.tex"
-    thesis.write_text("important")
+    thesis.write_text("important", encoding="utf-8")
     with pytest.raises(InputError, match="something else than a recording"):
         Recorder(thesis)
-    assert thesis.read_text() == "important"
+    assert thesis.read_text(encoding="utf-8") == "important"
     recorded(tape := tmp_path / "tape.jsonl")
     Recorder(tape)  # an earlier recording is
-    assert len(tape.read_text().splitlines()) == 1
+    assert len(tape.read_text(encoding="utf-8").splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     wanted = [ROOT / name for name in ALWAYS]
     for file in files.documentation_pages():
         page = DOCS / file.src_uri
-        wanted += [t for t in _links(page, page.read_text()).values() if not _is_document(t)]
+        wanted += [
+            t
+            for t in _links(page, page.read_text(encoding="utf-8")).values()
+            if not _is_document(t)
+        ]
     for path in wanted:
         for shown in [path, *(_shown(path) if path.is_dir() else [])]:
             if _uri(shown) not in _origin:
@@ -86,7 +90,7 @@ def _text(path: Path) -> str:
     if path.is_dir():
         rows = [f"- [{p.name}]({path.name}/{p.name}): {_summary(p)}" for p in _shown(path)]
         return f"# {path.name.capitalize()}\n\n" + "\n".join(rows) + "\n"
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     if path.parent == ROOT and path.suffix == ".md":
         return text
     name = path.relative_to(ROOT).as_posix()
@@ -95,7 +99,7 @@ def _text(path: Path) -> str:
 
 def _summary(path: Path) -> str:
     """The first line of a file's text, without its marks."""
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
         text = ast.get_docstring(ast.parse(text)) or path.stem
     return text.splitlines()[0].strip("# ") or path.stem

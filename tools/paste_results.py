@@ -31,25 +31,29 @@ def block(name: str) -> str:
     """The Markdown that belongs between a name's marks."""
     markdown = RESULTS / f"{name.replace('-', '_')}.md"
     if markdown.is_file():
-        return markdown.read_text().strip()
+        return markdown.read_text(encoding="utf-8").strip()
     run, _, table = name.partition("-")
     if run == "bench":
-        scores = json.loads((RESULTS / "bench_reasoner.json").read_text())
-        small = json.loads((RESULTS / "bench_smollm2.json").read_text())
+        scores = json.loads((RESULTS / "bench_reasoner.json").read_text(encoding="utf-8"))
+        small = json.loads((RESULTS / "bench_smollm2.json").read_text(encoding="utf-8"))
         scores["reasoners"] |= small["reasoners"]  # on the first cases of the same set
         if table in ("kind", "formation"):
             return bench.grouped(scores, table)
         shown = {"judging": bench.judging, "planning": bench.planning, "stopping": bench.stopping}
         return shown[table](scores)
     if run == "scenarios":
-        return tables_text.scenarios(json.loads((RESULTS / f"scenarios_{table}.json").read_text()))
+        return tables_text.scenarios(
+            json.loads((RESULTS / f"scenarios_{table}.json").read_text(encoding="utf-8"))
+        )
     if run == "ladder":
-        return tables_text.ladder(json.loads((RESULTS / f"ladder_{table}.json").read_text()))
+        return tables_text.ladder(
+            json.loads((RESULTS / f"ladder_{table}.json").read_text(encoding="utf-8"))
+        )
     if run == "table4":
         return tables_text.table4(
-            json.loads((RESULTS / f"table4_{table}.json").read_text())["placed"]
+            json.loads((RESULTS / f"table4_{table}.json").read_text(encoding="utf-8"))["placed"]
         )
-    document = json.loads((RESULTS / f"{run}.json").read_text())
+    document = json.loads((RESULTS / f"{run}.json").read_text(encoding="utf-8"))
     if table == "transitions":
         return tables_text.table3(document["transitions"], paper.REASONER)
     if table == "own":
@@ -69,12 +73,12 @@ def main() -> int:
     changed = []
     for name in DOCUMENTS:
         path = ROOT / name
-        before = path.read_text()
+        before = path.read_text(encoding="utf-8")
         after = pasted(before)
         if after != before:
             changed.append(name)
             if "--check" not in sys.argv:
-                path.write_text(after)
+                path.write_text(after, encoding="utf-8")
     print("\n".join(changed) or "nothing to paste")
     return int("--check" in sys.argv and bool(changed))
 

@@ -10,8 +10,9 @@ Anything else that is raised is a defect.
 import os
 import sysconfig
 import traceback
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from pathlib import Path
 
 _LIBRARIES = (
@@ -26,7 +27,20 @@ class PliantError(Exception):
 
 
 class InputError(PliantError, ValueError):
-    """What was given, which value, what is valid and what to do, in one line."""
+    """What was given, which value, what is valid and what to do, in one line. `place` is where in a
+    file's data the value stands: names of fields, and places in lists from 0."""
+
+    place: tuple[str | int, ...] = ()
+
+
+@contextmanager
+def within(*place: str | int) -> Iterator[None]:
+    """Says of an InputError raised inside that its place lies within this one."""
+    try:
+        yield
+    except InputError as error:
+        error.place = (*place, *error.place)
+        raise
 
 
 class RobotFault(PliantError):
@@ -43,10 +57,18 @@ class RobotFault(PliantError):
 
 def unknown(what: str, value: object, valid: Iterable[object], advice: str = "") -> InputError:
     """The error for a name that is not among the valid ones."""
-    names = ", ".join(str(v) for v in valid)
+    names = [str(v) for v in valid]
+    also = f"; {advice}" if advice else ""
     return InputError(
-        f"unknown {what} '{value}': valid are {names}{'; ' + advice if advice else ''}"
+        f"unknown {what} '{value}': valid are {', '.join(names)}{also}{did_you_mean(value, names)}"
     )
+
+
+def did_you_mean(name: object, valid: Iterable[object]) -> str:
+    """What may have been meant by a name that is not among the valid ones; "" where nothing is
+    near."""
+    near = get_close_matches(str(name), [str(v) for v in valid], 1)
+    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def users_frames(error: BaseException) -> list[traceback.FrameSummary]:

@@ -8,7 +8,6 @@ events, which say where each value begins and are read one by one, so that nothi
 it is judged.
 """
 
-import difflib
 import json
 import math
 import re
@@ -24,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from pliant import folders
-from pliant.errors import InputError
+from pliant.errors import InputError, did_you_mean
 
 MOST_BYTES = 100_000  # of a file that a person writes
 MOST_VALUES = 5_000  # in it: read in about a second
@@ -75,7 +74,7 @@ class Document:
         try:
             yield
         except InputError as error:
-            raise self.error(place, str(error)) from error
+            raise self.error((*place, *error.place), str(error)) from error
 
     def written(self, place: Place) -> str:
         """A value as it is written, in few words."""
@@ -119,13 +118,6 @@ class Fields(BaseModel):
     """A section of a file that a person writes: frozen, and with no other fields than its own."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def did_you_mean(name: object, valid: Iterable[object]) -> str:
-    """What may have been meant by a name that is not among the valid ones, and which they are."""
-    names = [str(v) for v in valid]
-    near = difflib.get_close_matches(str(name), names, 1)
-    return f"; did you mean '{near[0]}'?" if near else f"; valid are {', '.join(names)}"
 
 
 def shortened(text: str) -> str:
@@ -440,8 +432,8 @@ def _finding(
     for theirs, ours in _OURS:
         what = what.replace(theirs, ours)
     if found["loc"][-1:] == ("[key]",):
-        known = did_you_mean(place[-1], re.findall("'([^']*)'", context.get("expected", "")))
-        return place, f"there is no '{where}'{known}"
+        names = re.findall("'([^']*)'", context.get("expected", ""))
+        return place, f"there is no '{where}'{_known(place[-1], names)}"
     match found["type"]:
         case "missing" if isinstance(place[-1], int):
             value, number = document.written(place[:-1]), place[-1] + 1
@@ -449,8 +441,8 @@ def _finding(
         case "missing":
             return place, f"{where} is missing{document.also}"
         case "extra_forbidden":
-            known = did_you_mean(place[-1], _field_names(adapter.json_schema(), found["loc"]))
-            return place, f"there is no field '{where}'{known}"
+            names = _field_names(adapter.json_schema(), found["loc"])
+            return place, f"there is no field '{where}'{_known(place[-1], names)}"
         case "value_error":  # of a model's own, which may name one of its fields
             named = re.match(r"\w+", what)
             if named and (*place, named[0]) in document.marks:
@@ -524,11 +516,12 @@ def _spoken(place: Place) -> str:
     return "".join(parts).removeprefix(".").strip()
 
 
+def _known(name: object, valid: list[str]) -> str:
+    return did_you_mean(name, valid) or f"; valid are {', '.join(valid)}"
+
+
 def _near(document: Document, place: Place, expected: str) -> str:
-    near = difflib.get_close_matches(
-        document.marks[place].text, re.findall("'([^']*)'", expected), 1
-    )
-    return f"; did you mean '{near[0]}'?" if near else ""
+    return did_you_mean(document.marks[place].text, re.findall("'([^']*)'", expected))
 
 
 # --- out -----------------------------------------------------------------------------------------

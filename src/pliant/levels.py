@@ -9,10 +9,9 @@ says besides what is right in it.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
+from importlib import resources
 
-import yaml
-
+from pliant import files
 from pliant.conditions import CONDITIONS, QUANTITIES, Condition, Quantity
 from pliant.errors import unknown
 from pliant.pose import Axis
@@ -62,7 +61,7 @@ def load_level(name: str) -> Level:
 def shipped_levels() -> Mapping[str, Level]:
     """Every level by its name, from the lowest rung, and then the scenarios."""
     rungs, scenarios = (
-        yaml.safe_load((files("pliant") / name).read_text())
+        files.parse_yaml((resources.files("pliant") / name).read_bytes(), name).fields()
         for name in ("levels.yaml", "scenarios.yaml")
     )
     levels: dict[str, Level] = {}

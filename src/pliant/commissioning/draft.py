@@ -7,9 +7,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 
-from pliant import pictures
+from pliant import files, pictures
 from pliant.cell import Camera, View
 from pliant.commissioning.session import Record
 from pliant.errors import InputError
@@ -51,7 +50,7 @@ class Draft:
         if not path.exists():
             return ()
         try:
-            document = yaml.safe_load(path.read_text())
+            document = files.read_yaml(path, "the draft").fields()
             if document["schema"] != SCHEMA:
                 raise ValueError(f"its schema is not {SCHEMA}")
             for name, mine in self._made_with.items():
@@ -63,7 +62,7 @@ class Draft:
             return tuple(self._record(entry) for entry in document["records"])
         except InputError:
             raise
-        except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        except (OSError, KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"the draft '{path}' cannot be used ({_one_line(error)}): remove its folder to"
                 " begin anew"
@@ -84,9 +83,7 @@ class Draft:
                 **self._made_with,
                 "records": entries,
             }
-            partial = path.with_suffix(".part")
-            partial.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
-            partial.replace(path)
+            files.write_text(path, files.yaml_text(document))
         except OSError as error:
             raise InputError(
                 f"the draft '{path}' cannot be written ({error.strerror}): choose another folder"

@@ -102,12 +102,12 @@ def started(*arguments: str) -> Iterator[Admin]:
         InputError: it did not start; the message is its own.
     """
     command = [sys.executable, "-m", "pliant.emulator", "--with-parent"]
-    with TemporaryFile("w+") as log:
+    with TemporaryFile("w+", encoding="utf-8") as log:
         process = subprocess.Popen(
             [*command, *arguments],
             stdout=subprocess.PIPE,
             stderr=log,
-            text=True,
+            encoding="utf-8",
             start_new_session=True,  # Ctrl-C is for the client, which then ends it
         )
         assert process.stdout is not None

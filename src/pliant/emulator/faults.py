@@ -6,14 +6,15 @@ A fault file is a YAML list; `at_s` counts from the trial's set-up, on the contr
     - {at_s: 4.0, kind: stall, seconds: 1.0}
 """
 
+import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from pliant import files
 from pliant.emulator.block import CameraFault
-from pliant.errors import InputError
+from pliant.errors import InputError, within
 
 MOST_NOISE = 100.0  # [N]
 MOST_WAIT_S = 3600.0
@@ -93,9 +94,11 @@ def fault(data: object) -> Fault:
         InputError: there is no such fault.
     """
     try:
-        return _FAULT.validate_python(data)
+        return _FAULT.validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
-        raise InputError(f"fault {data}: {first_problem(error)}") from error
+        named = [p for p in error.errors()[0]["loc"] if isinstance(data, dict) and p in data]
+        with within(*named):
+            raise InputError(f"fault {data}: {first_problem(error)}") from error
 
 
 def load(path: Path) -> list[tuple[float, Fault]]:
@@ -104,21 +107,17 @@ def load(path: Path) -> list[tuple[float, Fault]]:
     Raises:
         InputError: the file cannot be read, or is not a list of faults.
     """
-    try:
-        items = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"fault file '{path}' cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        first = str(error).splitlines()[0]
-        raise InputError(f"fault file '{path}' is not YAML: {first}") from error
+    document = files.read_yaml(path, "fault file", "it must be a list of faults")
+    items = document.value
     if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
-        raise InputError(f"fault file '{path}' must be a list of faults, each with at_s and kind")
+        raise document.error((), "it must be a list of faults, each with at_s and kind")
     scheduled = []
-    for item in items:
+    for i, item in enumerate(items):
         at_s = item.pop("at_s", None)
         if not isinstance(at_s, int | float) or isinstance(at_s, bool) or not 0 <= at_s < 1e6:
-            raise InputError(f"fault file '{path}': at_s is {at_s!r}; it must be 0 s or more")
-        scheduled.append((float(at_s), fault(item)))
+            raise document.error((i, "at_s"), f"at_s is {at_s!r}; it must be 0 s or more")
+        with document.at((i,)):
+            scheduled.append((float(at_s), fault(item)))
     return sorted(scheduled, key=lambda pair: pair[0])
 
 

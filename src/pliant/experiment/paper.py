@@ -63,4 +63,4 @@ def _cell(row: Mapping[str, Any]) -> PaperCell:
 
 @lru_cache(maxsize=1)
 def _document() -> dict[str, Any]:
-    return json.loads((files("pliant") / "experiment" / "paper.json").read_text())
+    return json.loads((files("pliant") / "experiment" / "paper.json").read_text(encoding="utf-8"))

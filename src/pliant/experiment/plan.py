@@ -16,18 +16,16 @@ that it names, pegs, reasoners and goals, are looked for from its own folder.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import yaml
-
-from pliant import teaching
+from pliant import files, teaching
 from pliant.conditions import CONDITIONS, Condition, condition
-from pliant.errors import InputError, unknown
+from pliant.errors import InputError, unknown, within
 from pliant.experiment import decides, oracle
 from pliant.experiment.one import Spec
 from pliant.experiment.where import Where
@@ -44,6 +42,8 @@ from pliant.teaching import Teaching
 
 MOST_TRIALS = 1_000_000
 MOST_SEED = 2**32
+_WHOLE = {"trials": (1, MOST_TRIALS), "first_seed": (0, MOST_SEED)}
+T = TypeVar("T")
 
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
 _FIELDS = (*_BLOCK, "level", "skills", "cells", "trials", "first_seed", "goals", "vlm")
@@ -95,8 +95,8 @@ class Experiment:
     where: Where = field(default_factory=Where)
 
     def __post_init__(self) -> None:
-        _whole("trials", self.trials, 1, MOST_TRIALS)
-        _whole("first_seed", self.first_seed, 0, MOST_SEED)
+        _whole("trials", self.trials, *_WHOLE["trials"])
+        _whole("first_seed", self.first_seed, *_WHOLE["first_seed"])
         if not self.cells:
             raise InputError("the experiment has no cells: give pegs, conditions and reasoners")
         ids: dict[str, Cell] = {}
@@ -189,21 +189,9 @@ def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
     Raises:
         InputError: the file cannot be read, or a field, a name or a value in it is not valid.
     """
-    try:
-        data = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise InputError(
-            f"experiment file '{path}' cannot be read: {error.strerror}; give an existing file"
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        first = " ".join(str(error).split())
-        raise InputError(f"experiment file '{path}' is not YAML: {first}") from error
-    if not isinstance(data, dict):
-        raise InputError(f"experiment file '{path}' holds no fields; valid: {', '.join(_FIELDS)}")
-    try:
-        return from_fields(data, overrides, located(path).parent)
-    except InputError as error:
-        raise InputError(f"experiment file '{path}': {error}") from error
+    document = files.read_yaml(located(path), "experiment file", f"fields are {', '.join(_FIELDS)}")
+    with document.at(()):
+        return from_fields(document.fields(), overrides, located(path).parent)
 
 
 def from_fields(
@@ -225,30 +213,58 @@ def from_fields(
     replaced = {k: v for k, v in (overrides or {}).items() if v is not None}
     for name in (*given, *replaced):
         if name not in _FIELDS:
-            raise unknown("field", name, _FIELDS)
+            with within(name):
+                raise unknown("field", name, _FIELDS)
     given, replaced = _located(given, folder), _located(replaced, None)
     blocks = _listed_cells(given)
     if any(name in given for name in _BLOCK) or not blocks:
-        blocks.insert(0, {single: given[many] for many, single in _BLOCK.items() if many in given})
-    for block in blocks:
-        block.setdefault("level", given.get("level", "L0"))
-        block.update({_BLOCK[k]: v for k, v in replaced.items() if k in _BLOCK})
-        block.setdefault("skills", given.get("skills"))
-        block.update({k: v for k, v in replaced.items() if k in ("level", "skills")})
-    asked = {**_settings(given), **_settings(replaced)}
+        every = {_BLOCK[k]: _Given(v, (k,)) for k, v in given.items() if k in _BLOCK}
+        blocks.insert(0, ((), every))
+    for _, block in blocks:
+        block.setdefault("level", _Given(given.get("level", "L0"), ("level",)))
+        block.update({_BLOCK[k]: _Given(v) for k, v in replaced.items() if k in _BLOCK})
+        block.setdefault("skills", _Given(given.get("skills"), ("skills",)))
+        block.update({k: _Given(v) for k, v in replaced.items() if k in ("level", "skills")})
+    asked = {k: _Given(v, ("vlm", k)) for k, v in _settings(given).items()}
+    asked |= {k: _Given(v) for k, v in _settings(replaced).items()}
     cells: list[Cell] = []
-    for block in blocks:
-        cells += [cell for cell in _cells(block, asked) if cell not in cells]
+    for place, block in blocks:
+        cells += [cell for cell in _cells(place, block, asked) if cell not in cells]
     options = {**given, **replaced}
     goals = options.get("goals")
     if goals is not None and not isinstance(goals, str):
-        raise InputError(f"goals is {goals!r}: it must be the path of a goals file")
+        with within("goals"):
+            raise InputError(f"goals is {goals!r}: it must be the path of a goals file")
+    for name in ("trials", "first_seed"):
+        if name in given and name not in replaced:
+            with within(name):
+                _whole(name, given[name], *_WHOLE[name])
     return Experiment(
         cells=tuple(cells),
         trials=options.get("trials", 30),
         first_seed=options.get("first_seed", 1),
         goals=goals,
     )
+
+
+@dataclass(frozen=True)
+class _Given:
+    """A value, and where it stands in the experiment file; () where it was given otherwise."""
+
+    value: Any
+    place: files.Place = ()
+
+    def each(self) -> "list[_Given]":
+        """The values, where it may be one or a list of them."""
+        if not isinstance(self.value, list | tuple):
+            return [self]
+        places = [(*self.place, i) if self.place else () for i in range(len(self.value))]
+        return [_Given(v, place) for v, place in zip(self.value, places, strict=True)]
+
+    def read(self, reader: Callable[[Any], T]) -> T:
+        """What a function makes of the value. What it refuses is refused with the place."""
+        with within(*self.place):
+            return reader(self.value)
 
 
 def _located(fields: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
@@ -271,36 +287,47 @@ def _located(fields: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
     return result
 
 
-def _listed_cells(given: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _listed_cells(given: Mapping[str, Any]) -> list[tuple[files.Place, dict[str, _Given]]]:
+    """The listed cells, each with where it stands."""
     listed = given.get("cells", [])
     if not isinstance(listed, list) or not all(isinstance(b, dict) for b in listed):
-        raise InputError(f"cells must be a list, each with {', '.join(_CELL_FIELDS)}")
-    for block in listed:
+        with within("cells"):
+            raise InputError(f"cells must be a list, each with {', '.join(_CELL_FIELDS)}")
+    result: list[tuple[files.Place, dict[str, _Given]]] = []
+    for i, block in enumerate(listed):
         for name in block:
             if name not in _CELL_FIELDS:
-                raise unknown("field of a cell", name, _CELL_FIELDS)
-    return [dict(b) for b in listed]
+                with within("cells", i, name):
+                    raise unknown("field of a cell", name, _CELL_FIELDS)
+        fields = {k: _Given(v, ("cells", i, k)) for k, v in block.items()}
+        result.append((("cells", i), fields))
+    return result
 
 
 def _settings(fields: Mapping[str, Any]) -> dict[str, Any]:
     found = fields.get("vlm") or {}
     if not isinstance(found, dict):
-        raise InputError(f"vlm is {found!r}: it must be settings, such as {{model: openai:gpt-4o}}")
+        with within("vlm"):
+            raise InputError(
+                f"vlm is {found!r}: it must be settings, such as {{model: openai:gpt-4o}}"
+            )
     return found
 
 
-def _cells(block: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[Cell]:
+def _cells(
+    place: files.Place, block: Mapping[str, _Given], asked: Mapping[str, _Given]
+) -> Iterator[Cell]:
     """The cross product of a block whose entries are one value or a list of them."""
-    level = load_level(str(block["level"]))
-    block = {"peg": list(level.pegs), **block}
+    level = block["level"].read(lambda name: load_level(str(name)))
+    block = {"peg": _Given(list(level.pegs)), **block}
     for single in _BLOCK.values():
-        if single not in block or block[single] in ([], None):
-            raise InputError(f"a cell lacks its {single}: give one, or a list of them")
-    pegs, conditions, reasoners = (_many(block[single]) for single in _BLOCK.values())
-    skills = level.skills if block.get("skills") is None else _name("skills", block["skills"])
-    kind_of(skills)
-    tasks = [load_task(_name("peg", peg), level.name) for peg in pegs]
-    drawn = [level.on(parse_condition(entry)) for entry in conditions]
+        if single not in block or block[single].value in ([], None):
+            with within(*place):
+                raise InputError(f"a cell lacks its {single}: give one, or a list of them")
+    pegs, conditions, reasoners = (block[single].each() for single in _BLOCK.values())
+    skills = block["skills"].read(lambda name: _skills(name, level.skills))
+    tasks = [peg.read(lambda name: load_task(_name("peg", name), level.name)) for peg in pegs]
+    drawn = [level.on(entry.read(parse_condition)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
     for task, drawing, (name, settings) in product(tasks, drawn, minds):
         yield Cell(
@@ -313,24 +340,45 @@ def _cells(block: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[Cell]
         )
 
 
-def _reasoner(entry: Any, asked: Mapping[str, Any]) -> tuple[str, Settings | None]:
+def _skills(name: Any, usual: str) -> str:
+    if name is None:
+        return usual
+    kind_of(_name("skills", name))
+    return str(name)
+
+
+def _reasoner(given: _Given, asked: Mapping[str, _Given]) -> tuple[str, Settings | None]:
     """A reasoner's name, and its settings if it is a VLM: named vlm, or with settings of its own.
 
     Raises:
         InputError: the name cannot be used, or is taken; a setting is not valid.
     """
+    own = {}
+    if isinstance(given.value, dict):
+        own = {k: _Given(v, (*given.place, k)) for k, v in given.value.items() if k != "name"}
+    name = given.read(_reasoners_name)
+    if not isinstance(given.value, dict) and name != VLM:
+        return name, None
+    settings = {**asked, **own}
+    try:
+        return name, vlm_settings.from_fields({k: v.value for k, v in settings.items()})
+    except InputError as error:
+        field = settings.get(str(error.place[0])) if error.place else None
+        error.place = field.place if field else given.place
+        raise
+
+
+def _reasoners_name(entry: Any) -> str:
+    """The name of a reasoner that can be used; one with settings must be named otherwise."""
     if isinstance(entry, dict):
-        own = dict(entry)
-        name = _name("reasoner's name", own.pop("name", None))
+        name = _name("reasoner's name", entry.get("name"))
         if name in REASONERS or name == oracle.NAME:
             raise InputError(f"reasoner '{name}' is no VLM: one with settings needs another name")
-        return name, vlm_settings.from_fields({**asked, **own})
+        return name
     name = _name("reasoner", entry)
-    if name == VLM:
-        return name, vlm_settings.from_fields(asked)
-    if name != oracle.NAME:
+    if name not in (VLM, oracle.NAME):
         reasoner(name)  # refuses a name that cannot be used
-    return name, None
+    return name
 
 
 def parse_condition(entry: Any) -> Condition:
@@ -350,6 +398,11 @@ def parse_condition(entry: Any) -> Condition:
 
 
 def _range(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]:
+    with within(field):
+        return _in_si(name, field, value)
+
+
+def _in_si(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]:
     if field not in FIELDS:
         raise unknown("quantity", field, FIELDS, f"in condition '{name}'")
     numbers = isinstance(value, list) and all(
@@ -360,12 +413,6 @@ def _range(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]
     quantity, axis = FIELDS[field]
     low, high = (float(v) if axis is None else axis.from_report(float(v)) for v in value)
     return quantity, (low, high)
-
-
-def _many(value: Any) -> list[Any]:
-    return (
-        value if isinstance(value, list) else list(value) if isinstance(value, tuple) else [value]
-    )
 
 
 def _name(what: str, value: Any) -> str:

@@ -35,7 +35,7 @@ def write(source: Source, out: Path) -> dict[str, int]:
             raise InputError(
                 f"'{source.folder}' has no trial with a known truth, from which answers are made"
             )
-        (folder / CARD).write_text(_card(source, writer))
+        (folder / CARD).write_text(_card(source, writer), encoding="utf-8")
     return found
 
 

@@ -89,7 +89,7 @@ def write(
                 writer.add(made)
         writer.finish(counts(chosen))
         text = card.text(source, chosen, writer.tally, fps=fps, subtasks=SUBTASKS)
-        (folder / CARD).write_text(text)
+        (folder / CARD).write_text(text, encoding="utf-8")
     return counts(chosen)
 
 
@@ -352,4 +352,4 @@ def _pandas_column(
 
 
 def _write_json(path: Path, document: dict[str, Any]) -> None:
-    path.write_text(json.dumps(document, indent=4) + "\n")
+    path.write_text(json.dumps(document, indent=4) + "\n", encoding="utf-8")

@@ -62,7 +62,7 @@ def stamp_of(page: str) -> str | None:
 @lru_cache
 def own(name: str) -> str:
     """One of the report's own files."""
-    return (files("pliant.report") / name).read_text()
+    return (files("pliant.report") / name).read_text(encoding="utf-8")
 
 
 def library_file(name: str) -> bytes:

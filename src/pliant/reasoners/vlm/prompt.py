@@ -57,7 +57,7 @@ def _prompt(name: str, skills: str) -> str:
     ones."""
     folder = files("pliant.reasoners.vlm") / "prompts"
     own = folder / f"{name}_{skills}.md"
-    return (own if own.is_file() else folder / f"{name}.md").read_text()
+    return (own if own.is_file() else folder / f"{name}.md").read_text(encoding="utf-8")
 
 
 def tells_measurements(settings: Settings, case: Case) -> bool:

@@ -1,6 +1,7 @@
 """What can be chosen about a vision-language model as the reasoner: which one, what it is shown,
 what it decides, how it answers, and what it may spend. Needs no model's library."""
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -11,7 +12,7 @@ from urllib.parse import urlsplit
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from pliant.errors import InputError, unknown
+from pliant.errors import InputError, unknown, within
 
 
 class Plans(StrEnum):
@@ -139,16 +140,19 @@ def from_fields(given: Mapping[str, Any]) -> Settings:
     names = [f.name for f in fields(Settings)]
     for name in given:
         if name not in names:
-            raise unknown("field of the VLM", name, names)
+            with within(name):
+                raise unknown("field of the VLM", name, names)
     try:
-        return _adapter().validate_python(dict(given))
+        return _adapter().validate_json(json.dumps(dict(given)), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         cause = first.get("ctx", {}).get("error")
         if isinstance(cause, InputError):
+            cause.place = tuple(name for name in names if str(cause).startswith(f"{name} "))
             raise cause from error
         field, value = first["loc"][0] if first["loc"] else "settings", first["input"]
-        raise InputError(f"VLM: {field} is {value!r}: {first['msg'].lower()}") from error
+        with within(field):
+            raise InputError(f"VLM: {field} is {value!r}: {first['msg'].lower()}") from error
 
 
 @lru_cache
