@@ -26,10 +26,10 @@ test: setup  ## Style, types, layers, the wheel and the tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo --cache-dir .cache/import-linter
 	tools/smoke_wheel.sh
-	$(BIN)/pytest -n auto
+	PYTHONWARNDEFAULTENCODING=1 $(BIN)/pytest -n auto
 test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a browser
 	@tools/ensure_chromium.sh
-	.cache/venv-system/bin/pytest -m system -n 2 --dist loadfile
+	PYTHONWARNDEFAULTENCODING=1 .cache/venv-system/bin/pytest -m system -n 2 --dist loadfile
 docs: .cache/venv-docs/.synced  ## The documentation as a site that needs no network: site/index.html
 	tools/build_docs.sh
 bench: setup  ## Measure speed

@@ -78,7 +78,7 @@ class Robosuite:
 @contextmanager
 def robosuite() -> Iterator[Robosuite]:
     """It ends with the context."""
-    with (HOME / "steps.log").open("w") as log:
+    with (HOME / "steps.log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
             [PYTHON, HERE / "robosuite_steps.py"],
             stdin=subprocess.PIPE,

@@ -61,7 +61,7 @@ def serving(folder: Path, *, port: int = 0) -> Iterator[str]:
     start or ends by itself. Its log is `folder`/log.txt; port 0 is any that is free."""
     said, log = folder / "said.txt", folder / "log.txt"
     command = (sys.executable, __file__, "--port", str(port), "--until-eof")
-    with said.open("w") as out, log.open("w") as err:
+    with said.open("wb") as out, log.open("wb") as err:
         server = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=out, stderr=err)
     with server:
         try:

@@ -51,7 +51,7 @@ def plan() -> Experiment:
 def noted(job: Job) -> Rows:
     """Performs a trial, and notes which node did."""
     rows = perform_job(job)
-    with (job.folder / os.environ[NODE]).open("a") as file:
+    with (job.folder / os.environ[NODE]).open("a", encoding="utf-8") as file:
         file.write(f"{rows.trial_id}\n")
     return rows
 
@@ -73,7 +73,7 @@ class Process:
         self, name: str, logs: Path, folder: Path, *command: str, **environment: str
     ) -> None:
         self._log = logs / f"{name}.log"
-        with self._log.open("w") as log:
+        with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 command,
                 env={**os.environ, **environment},

@@ -292,6 +292,7 @@ def _git(folder: Path, *arguments: str) -> str | None:
             ["git", "-C", str(folder), *arguments],
             capture_output=True,
             encoding="utf-8",
+            errors="replace",
             timeout=10,
             check=True,
         )

@@ -102,12 +102,13 @@ def started(*arguments: str) -> Iterator[Admin]:
         InputError: it did not start; the message is its own.
     """
     command = [sys.executable, "-m", "pliant.emulator", "--with-parent"]
-    with TemporaryFile("w+", encoding="utf-8") as log:
+    with TemporaryFile("w+", encoding="utf-8", errors="replace") as log:
         process = subprocess.Popen(
             [*command, *arguments],
             stdout=subprocess.PIPE,
             stderr=log,
             encoding="utf-8",
+            errors="replace",  # it says its words as its terminal would have them
             start_new_session=True,  # Ctrl-C is for the client, which then ends it
         )
         assert process.stdout is not None
