@@ -38,7 +38,7 @@ def test_the_robots_are_in_the_fingerprint_by_content_and_not_by_place(
     assert planned().fingerprint == packaged.fingerprint
     for name in ("universal_robots_ur5e/assets/wrist3.obj", menagerie.GRIPPER):
         menagerie._digest.cache_clear()
-        with (checkout / name).open("a") as file:
+        with (checkout / name).open("a", encoding="utf-8") as file:
             file.write("\n")
         assert differences(packaged.document, planned().document) == ["models"], name
     menagerie._digest.cache_clear()
@@ -61,7 +61,7 @@ def test_a_robot_that_lacks_a_mesh_is_one_line(
     (checkout / "robotiq_2f85" / "assets" / "pad.stl").unlink()
     with pytest.raises(InputError, match=r"pad\.stl' cannot be read: No such file"):
         menagerie.digest()
-    (checkout / menagerie.UR5E).write_text("<mujoco>")
+    (checkout / menagerie.UR5E).write_text("<mujoco>", encoding="utf-8")
     with pytest.raises(InputError, match=r"ur5e\.xml' cannot be read"):
         menagerie.digest()
 
@@ -84,7 +84,7 @@ def test_a_real_cell_has_no_models_in_it_and_a_vlm_has_its_library() -> None:
 
 def test_a_worker_with_another_installation_refuses(tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
-    mine.write_text("from pliant.reasoners.rules import Rules as Mine\n")
+    mine.write_text("from pliant.reasoners.rules import Rules as Mine\n", encoding="utf-8")
     plan = planned(reasoners=f"{mine}:Mine")
     (spec,) = plan.specs()
     wanted = plan.expected[spec.reasoner]
@@ -93,6 +93,6 @@ def test_a_worker_with_another_installation_refuses(tmp_path: Path) -> None:
     other = {**wanted, "versions": {**wanted["versions"], "mujoco": "3.0.0"}}
     with pytest.raises(InputError, match=r"versions differ \(here: mujoco \d"):
         perform_job(replace(job, expected=other))
-    mine.write_text("from pliant.reasoners.controls import Retry as Mine\n")
+    mine.write_text("from pliant.reasoners.controls import Retry as Mine\n", encoding="utf-8")
     with pytest.raises(InputError, match="as they were planned: reasoner_file differ;"):
         perform_job(job)
