@@ -66,7 +66,11 @@ def refused(job: Job) -> Rows:
 
 
 def line_of(code: str) -> int:
-    return 1 + next(n for n, t in enumerate(Path(__file__).read_text(encoding="utf-8").splitlines()) if code in t)
+    return 1 + next(
+        n
+        for n, t in enumerate(Path(__file__).read_text(encoding="utf-8").splitlines())
+        if code in t
+    )
 
 
 # --- helpers -------------------------------------------------------------------------------------

@@ -310,5 +310,5 @@ def test_a_draft_of_another_cell_or_peg_or_a_broken_one_is_refused(tmp_path: Pat
     with pytest.raises(InputError, match=r"cannot be used .*is no PNG"):
         Draft(folder=folder, cell=None, peg="circle").load()
     (folder / "draft.yaml").write_text("[]", encoding="utf-8")
-    with pytest.raises(InputError, match="cannot be used"):
+    with pytest.raises(InputError, match="holds no fields; remove its folder to begin anew"):
         Draft(folder=folder, cell=None, peg="circle").load()

@@ -19,6 +19,7 @@ from pliant.task import shipped_pegs
 
 SCHEMA = 1
 _FILE = "draft.yaml"
+_ANEW = "remove its folder to begin anew"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +51,7 @@ class Draft:
         if not path.exists():
             return ()
         try:
-            document = files.read_yaml(path, "the draft").fields()
+            document = files.read_yaml(path, "the draft", _ANEW).fields()
             if document["schema"] != SCHEMA:
                 raise ValueError(f"its schema is not {SCHEMA}")
             for name, mine in self._made_with.items():
@@ -64,8 +65,7 @@ class Draft:
             raise
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"the draft '{path}' cannot be used ({_one_line(error)}): remove its folder to"
-                " begin anew"
+                f"the draft '{path}' cannot be used ({_one_line(error)}): {_ANEW}"
             ) from error
 
     def save(self, log: tuple[Record, ...]) -> None:
