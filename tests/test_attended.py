@@ -278,7 +278,11 @@ def test_a_label_may_be_given_later(tmp_path: Path, desk: Desk) -> None:
     assert labels.label(tmp_path, desk.person.label) == (1, 1)
     assert inserted(recorded(tmp_path)) == {1: True, 2: None, 3: True}
     desk.sits_down("n")
-    assert labels.label(tmp_path, desk.person.label) == (1, 0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(results, "refresh", sys.exit)  # killed once the journal has the label
+        with pytest.raises(SystemExit):
+            labels.label(tmp_path, desk.person.label)
+    assert inserted(results._trials(tmp_path).to_pylist()) == {1: True, 2: None, 3: True}
     table = results.read_trials(tmp_path).to_pylist()
     assert inserted(table) == inserted(recorded(tmp_path)) == {1: True, 2: False, 3: True}
     assert table[1]["failure_kind"] == "not_inserted"

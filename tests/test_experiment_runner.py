@@ -8,6 +8,7 @@ import sys
 import time
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -22,7 +23,7 @@ from pliant.experiment.one import perform
 from pliant.experiment.plan import Experiment, from_fields
 from pliant.experiment.progress import Shown
 from pliant.experiment.rows import Rows, lost, rows_of
-from pliant.experiment.runner import Finished, run
+from pliant.experiment.runner import Finished, may_hold, prepare, run
 from pliant.experiment.work import Job, Save
 
 HERE = Path(__file__).parent
@@ -358,6 +359,38 @@ def test_two_workers_and_one_process_simulate_the_same_trials(tmp_path: Path) ->
         kept = store.load_trial(tmp_path / "trials" / name)
         assert (kept.trial_id, kept.judged and kept.inserted) == (name, False)
         assert (tmp_path / "trials" / name / "trajectory.npz").is_file()
+
+
+def test_of_two_runs_that_start_together_one_gets_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, refusals = store.write_run_json, []
+
+    def together(folder: Path, **content: Any) -> None:
+        for other in (experiment(9), experiment()):
+            with pytest.raises(InputError) as refused:
+                prepare(other, folder)
+            refusals.append(str(refused.value))
+        write(folder, **content)
+
+    monkeypatch.setattr(store, "write_run_json", together)
+    prepare(experiment(), tmp_path)
+    assert all("another experiment is writing to" in said for said in refusals)
+    with pytest.raises(InputError, match="another configuration"):
+        prepare(experiment(9), tmp_path)
+    prepare(experiment(), tmp_path)
+
+
+def test_a_run_that_was_killed_before_it_began_leaves_a_folder_that_can_be_used(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / journal.FILE).touch()
+    assert may_hold(experiment(), tmp_path)
+    prepare(experiment(), tmp_path)
+    (tmp_path / store.RUN).unlink()
+    (tmp_path / journal.FILE).write_text("somebody's\n")
+    with pytest.raises(InputError, match="holds something else"):
+        prepare(experiment(), tmp_path)
 
 
 def job_of(plan: Experiment, *, seed: int, folder: Path) -> Job:

@@ -29,7 +29,13 @@ from pliant.errors import InputError
 from pliant.files import write_bytes
 from pliant.records import SCHEMA, Case, Trial
 
-RUN, TRIAL, CASE, PICTURES = "run.json", "trial.json", "case.json", "pictures"
+RUN, JOURNAL, TRIAL, CASE, PICTURES = (
+    "run.json",
+    "journal.jsonl",
+    "trial.json",
+    "case.json",
+    "pictures",
+)
 TRIALS = "trials"
 """The folder of a run that holds its trials' folders."""
 
@@ -217,7 +223,7 @@ def prepare_folder(path: Path) -> None:
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
-        is_ours = not any(path.iterdir()) or any((path / name).is_file() for name in (RUN, TRIAL))
+        is_ours = is_unused(path) or any((path / name).is_file() for name in (RUN, TRIAL))
     except OSError as error:
         raise InputError(
             f"output folder '{path}' cannot be used: {error.strerror}; choose another"
@@ -227,6 +233,19 @@ def prepare_folder(path: Path) -> None:
             f"output folder '{path}' holds something else than results of pliant: choose a new one"
         )
     folders.refuse_links(path)
+
+
+def is_unused(path: Path) -> bool:
+    """Whether a folder is not there, or holds nothing, or only the empty journal of a run that was
+    ended before it began.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    if not path.exists():
+        return True
+    names = [entry.name for entry in path.iterdir()]
+    return not names or (names == [JOURNAL] and (path / JOURNAL).lstat().st_size == 0)
 
 
 def kept_trials(run: Path) -> list[Path]:

@@ -19,12 +19,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from pliant import store
 from pliant.errors import InputError
 from pliant.experiment import faults
 from pliant.experiment.rows import Rows
 from pliant.files import write_bytes
 
-FILE = "journal.jsonl"
+FILE = store.JOURNAL
+OUTDATED = ".outdated"
+"""Stands beside the journal while the Parquet files may say what lines said before."""
 _APPEND = os.O_RDWR | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)  # never through a link
 _ROWS, _CRC = b',"rows":', b',"crc":'
 _MOST_LINE = 1 << 26  # [bytes]
@@ -96,6 +99,10 @@ def rows_at(path: Path, offsets: Iterator[int]) -> Iterator[Rows]:
             yield _rows(line, path)
 
 
+class Busy(InputError):
+    """Another process is writing to the journal."""
+
+
 class Journal:
     """The journal, open for appending by one process at a time. Use it as a context. All that a
     finished trial will need of the file system is tried as it opens.
@@ -147,7 +154,8 @@ class Journal:
         return before
 
     def replace(self, rows: Rows) -> None:
-        """Write another line in the place of a finished trial's; the whole file, or nothing.
+        """Write another line in the place of a finished trial's; the whole file, or nothing. The
+        Parquet files are outdated from then on, until they are written again.
 
         Raises:
             InputError: it cannot be written.
@@ -156,6 +164,7 @@ class Journal:
         for n, entry in enumerate(scan(self.path)):
             if entry.trial_id == rows.trial_id:
                 lines[n] = encoded(rows)
+        write_bytes(self.path.with_name(OUTDATED), b"")
         old = self._file
         write_bytes(self.path, b"".join(lines))
         self._file = os.open(self.path, _APPEND)
@@ -233,7 +242,7 @@ def _lock(file: int, path: Path) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(file)
-        raise InputError(
+        raise Busy(
             f"another experiment is writing to '{path.parent}': wait for it, or choose another"
             " folder"
         ) from error

@@ -45,13 +45,5 @@ def label(folder: Path, ask: Ask) -> tuple[int, int]:
                 store.save_trial(kept, named)
                 book.replace(rows_of(named))
                 done += 1
-    if done and (folder / results.TRIALS_FILE).is_file():
-        _write_again(folder, path)
+    results.refresh(folder)
     return done, len(lacking) - done
-
-
-def _write_again(folder: Path, path: Path) -> None:
-    """The Parquet files, in the order they have."""
-    offsets = {entry.trial_id: entry.offset for entry in journal.scan(path)}
-    order = results.read_trials(folder)["trial_id"].to_pylist()
-    results.write(folder, path, [offsets[trial_id] for trial_id in order])

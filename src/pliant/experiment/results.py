@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from pliant import folders
 from pliant.errors import InputError
 from pliant.experiment.columns import EXECUTIONS, TRIALS, Column, schema
-from pliant.experiment.journal import rows_at
+from pliant.experiment.journal import FILE, OUTDATED, Busy, Journal, rows_at, scan
 from pliant.experiment.rows import Row, Rows
 from pliant.records import SCHEMA
 
@@ -37,6 +37,34 @@ def write(folder: Path, journal: Path, offsets: Iterable[int]) -> None:
         InputError: a line is damaged, or the files cannot be written.
     """
     write_rows(folder, rows_at(journal, iter(offsets)))
+    try:
+        (folder / OUTDATED).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"'{folder / OUTDATED}' cannot be removed: {error.strerror}") from error
+
+
+def refresh(folder: Path) -> None:
+    """Write the Parquet files again, in the order they have, where lines of the journal were
+    replaced since: whoever did it, as `pliant label` does, may have been killed before this. What
+    is still being replaced is left to whoever does.
+
+    Raises:
+        InputError: a line is damaged or is missing, or the files cannot be written.
+    """
+    path = folder / FILE
+    if not (folder / OUTDATED).exists() or not (folder / TRIALS_FILE).is_file():
+        return
+    try:
+        with Journal(path):
+            offsets = {entry.trial_id: entry.offset for entry in scan(path)}
+            order = _trials(folder)["trial_id"].to_pylist()
+            if missing := [trial_id for trial_id in order if trial_id not in offsets]:
+                raise InputError(
+                    f"journal '{path}' lacks the trial '{missing[0]}' of '{TRIALS_FILE}': {_AGAIN}"
+                )
+            write(folder, path, [offsets[trial_id] for trial_id in order])
+    except Busy:
+        return
 
 
 def write_rows(folder: Path, rows: Iterable[Rows]) -> None:
@@ -72,11 +100,17 @@ def write_rows(folder: Path, rows: Iterable[Rows]) -> None:
 
 
 def read_trials(folder: Path) -> pa.Table:
-    """trials.parquet of a finished run.
+    """trials.parquet of a finished run, after `refresh`.
 
     Raises:
-        InputError: the file is missing, broken or larger than results are, or has another schema.
+        InputError: the file is missing, broken or larger than results are, or has another schema;
+            or it is outdated and cannot be written again.
     """
+    refresh(folder)
+    return _trials(folder)
+
+
+def _trials(folder: Path) -> pa.Table:
     path = folder / TRIALS_FILE
     table = pa.Table.from_batches(_read(path, TRIALS, _WHOSE), schema(TRIALS))
     ids = table["trial_id"]
@@ -91,6 +125,7 @@ def each_trials_executions(folder: Path) -> Iterator[list[Row]]:
     Raises:
         InputError: as `read_trials`.
     """
+    refresh(folder)
     batches = _read(folder / EXECUTIONS_FILE, EXECUTIONS, ("trial_id", "index", "formation"))
     rows = (row for batch in batches for row in batch.to_pylist())
     for _, group in groupby(rows, key=lambda row: row["trial_id"]):

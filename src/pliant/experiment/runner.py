@@ -212,7 +212,8 @@ def prepare(experiment: Experiment, folder: Path) -> None:
     """Make the output folder, with run.json; or see that it belongs to this experiment.
 
     Raises:
-        InputError: it holds something else, or results of another configuration.
+        InputError: it holds something else, or results of another configuration, or another run
+            is writing to it.
     """
     store.prepare_folder(folder)
     document = json.loads(
@@ -220,13 +221,14 @@ def prepare(experiment: Experiment, folder: Path) -> None:
     )
     run_file = folder / store.RUN
     if not run_file.exists():
-        store.write_run_json(
-            folder,
-            configuration=document,
-            reasoner=", ".join(dict.fromkeys(c.names[-1] for c in experiment.cells)),
-            model=", ".join(dict.fromkeys(experiment.models)) or None,
-        )
-        return
+        with journal.Journal(folder / journal.FILE):  # of several that start together, one
+            if not run_file.exists():
+                store.write_run_json(
+                    folder,
+                    configuration=document,
+                    reasoner=", ".join(dict.fromkeys(c.names[-1] for c in experiment.cells)),
+                    model=", ".join(dict.fromkeys(experiment.models)) or None,
+                )
     before = _configuration(run_file)
     if before.get("fingerprint") != document["fingerprint"]:
         changed = [f for f in differences(before, document) if f != "fingerprint"]
@@ -240,7 +242,7 @@ def may_hold(experiment: Experiment, folder: Path) -> bool:
     """Whether a folder holds nothing yet, or results of this very experiment."""
     run_file = folder / store.RUN
     if not run_file.exists():
-        return not folder.exists() or not any(folder.iterdir())
+        return store.is_unused(folder)
     return bool(_configuration(run_file).get("fingerprint") == experiment.fingerprint)
 
 
