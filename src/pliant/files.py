@@ -60,12 +60,13 @@ class Document:
     marks: Mapping[Place, Mark]
     advice: str = ""
     text: str = ""
+    is_part: bool = False
 
     def error(self, place: Place, message: str) -> InputError:
         """The error for a value, in one line with the file and the line on which it stands."""
         while place not in self.marks and place:
             place = place[:-1]
-        where = f", line {self.marks[place].line}" if place else ""
+        where = f", line {self.marks[place].line}" if place or self.is_part else ""
         return InputError(f"{self.what}{where}: {message}")
 
     @contextmanager
@@ -80,9 +81,7 @@ class Document:
         """A value as it is written, in few words."""
         mark = self.marks.get(place)
         if mark is None or not (mark.text or mark.is_quoted):
-            value: Any = self.value
-            for part in place:
-                value = value[part]
+            value = self.part(place).value
             return "empty" if value is None else shortened(json.dumps(value, ensure_ascii=False))
         return shortened(f'"{mark.text}"' if mark.is_quoted else mark.text)
 
@@ -95,6 +94,15 @@ class Document:
         if not isinstance(self.value, dict) or not self.value:
             raise InputError(f"{self.what} holds no fields{self.also}")
         return dict(self.value)
+
+    def part(self, place: Place) -> "Document":
+        """The list or section at `place`, as a document of its own on the same lines."""
+        value = self.value
+        for name in place:
+            value = value[name]
+        depth = len(place)
+        marks = {p[depth:]: mark for p, mark in self.marks.items() if p[:depth] == place}
+        return replace(self, value=value, marks=marks, is_part=True)
 
     def checked(self, adapter: TypeAdapter[T]) -> T:
         """The document as a model's instance. A number must be a number: neither true nor quoted.

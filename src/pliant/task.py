@@ -1,6 +1,7 @@
 """What is inserted into what: nominal, so that a method may know all of it."""
 
 import math
+import os
 from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
@@ -279,7 +280,8 @@ def _load_peg(peg: str) -> Task:
         raise unknown("peg", peg, shipped_pegs(), "or the path of a peg file (.yaml)")
     path = located(peg)
     advice = f"start from {resources.files('pliant') / 'pegs' / 'circle.yaml'}"
-    return _peg_task(files.read_yaml(path, "peg file", advice), path.stem)
+    name = os.fsencode(path.stem).decode(errors="replace")  # whatever the locale makes of it
+    return _peg_task(files.read_yaml(path, "peg file", advice), name)
 
 
 _Signed = Annotated[float, Field(gt=-10_000, lt=10_000)]  # [mm]

@@ -5,7 +5,9 @@ A terminal obeys some characters, others cannot be seen or turn the reading dire
 has signs of its own. Text that is shown is never obeyed.
 """
 
+import io
 import re
+from typing import TextIO
 
 _BIDI = [*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C]
 _UNSHOWN = [*range(0x80, 0xA0), *range(0xD800, 0xE000), *_BIDI, 0x2028, 0x2029]
@@ -17,6 +19,14 @@ _SIGNS: dict[int, str] = {
 _ENDS_A_LINE = {code: chr(0x2400 + code) for code in (0x0A, 0x0D)}
 _MARKS = re.compile(r"[\\`*\[\]<>|~&]|(?<!\w)_|_(?!\w)")
 _LEADS = re.compile(r"(#+|[-+=]+|\d+[.)])(?=\s|$)")
+
+
+def replace_unshowable(*streams: TextIO) -> None:
+    """Make streams write "?" for a character that their terminal's encoding lacks, instead of
+    raising an error at the first sign such as an inequality."""
+    for stream in streams:
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def visible(text: str) -> str:

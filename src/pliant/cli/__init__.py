@@ -18,12 +18,14 @@ from pliant.cli.teach import teach
 from pliant.cli.view import view
 from pliant.errors import PliantError
 from pliant.paths import current_folder, shortened
+from pliant.text import replace_unshowable
 
 _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist."
 
 
 def main() -> None:
     """Exit status: 0 inserted or done, 1 not inserted or not complete, 2 wrong usage."""
+    replace_unshowable(sys.stdout, sys.stderr)
     try:
         current_folder()  # what is started from one that is gone fails somewhere deep
         sys.exit(
@@ -47,6 +49,13 @@ def main() -> None:
         )
     except PliantError as error:
         print(f"pliant: {shortened(str(error))}", file=sys.stderr)
+        sys.exit(2)
+    except UnicodeEncodeError as error:  # the streams replace, so it is a file's name
+        print(
+            f"pliant: a file's name has {error.object[error.start : error.end]!r}, which the"
+            f" locale's encoding, {error.encoding}, lacks: set PYTHONUTF8=1",
+            file=sys.stderr,
+        )
         sys.exit(2)
     except BrokenPipeError:  # whoever reads, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

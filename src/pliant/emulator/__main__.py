@@ -8,6 +8,7 @@ import tyro
 
 from pliant.emulator.emulator import Options, serve
 from pliant.errors import PliantError
+from pliant.text import replace_unshowable
 
 _PROGRAM = "python -m pliant.emulator"
 
@@ -15,6 +16,7 @@ _PROGRAM = "python -m pliant.emulator"
 def main() -> None:
     """Exit status: 0 stopped, 2 wrong usage or a port that is taken, 130 interrupted before."""
     flags = (tyro.conf.EnumChoicesFromValues, tyro.conf.FlagCreatePairsOff)
+    replace_unshowable(sys.stdout, sys.stderr)
     options = tyro.cli(Options, prog=_PROGRAM, config=flags)
     try:
         if not options.is_loopback():

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pliant import files
 from pliant.emulator.block import CameraFault
-from pliant.errors import InputError, within
+from pliant.errors import InputError
 
 MOST_NOISE = 100.0  # [N]
 MOST_WAIT_S = 3600.0
@@ -96,9 +96,7 @@ def fault(data: object) -> Fault:
     try:
         return _FAULT.validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
-        named = [p for p in error.errors()[0]["loc"] if isinstance(data, dict) and p in data]
-        with within(*named):
-            raise InputError(f"fault {data}: {first_problem(error)}") from error
+        raise InputError(f"fault {data}: {first_problem(error)}") from error
 
 
 def load(path: Path) -> list[tuple[float, Fault]]:
@@ -116,8 +114,7 @@ def load(path: Path) -> list[tuple[float, Fault]]:
         at_s = item.pop("at_s", None)
         if not isinstance(at_s, int | float) or isinstance(at_s, bool) or not 0 <= at_s < 1e6:
             raise document.error((i, "at_s"), f"at_s is {at_s!r}; it must be 0 s or more")
-        with document.at((i,)):
-            scheduled.append((float(at_s), fault(item)))
+        scheduled.append((float(at_s), document.part((i,)).checked(_FAULT)))
     return sorted(scheduled, key=lambda pair: pair[0])
 
 
