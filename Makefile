@@ -46,7 +46,7 @@ clean:  ## Remove what make made, but not the results in runs/
 	.tools/bin/uv sync --frozen --quiet
 	touch $@
 .cache/venv-system/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
-	UV_PROJECT_ENVIRONMENT=.cache/venv-system .tools/bin/uv sync --frozen --quiet --extra ray --extra rerun --extra ur5e --group system
+	UV_PROJECT_ENVIRONMENT=.cache/venv-system .tools/bin/uv sync --frozen --quiet --extra ray --extra rerun --extra ur5e --extra vlm --group system
 	touch $@
 .cache/venv-docs/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
 	UV_PROJECT_ENVIRONMENT=.cache/venv-docs .tools/bin/uv sync --frozen --quiet --only-group docs

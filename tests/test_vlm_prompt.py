@@ -175,8 +175,8 @@ def test_instructions_hold_the_task_and_the_limits_in_words() -> None:
         assert f"the {task.peg.name}" in text
 
 
-def test_pictures_are_png_with_the_chosen_detail() -> None:
+def test_pictures_are_png_and_marked_for_no_provider() -> None:
     (picture,) = pictures(prompt.situation(failed(), PAPER))
     assert picture.media_type == "image/png"
     assert picture.data.startswith(b"\x89PNG")
-    assert picture.vendor_metadata == {"detail": "high"}
+    assert picture.vendor_metadata is None

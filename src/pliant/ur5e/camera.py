@@ -9,7 +9,6 @@ import http.client
 import threading
 import time
 import urllib.error
-import urllib.request
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from pliant import pictures
 from pliant.cell import View
 from pliant.errors import InputError, RobotFault
+from pliant.network import open_directly
 from pliant.ur5e import configuration as c
 
 Picture = NDArray[np.uint8]  # (height, width, 3), RGB
@@ -116,7 +116,7 @@ class Http:
     def _fetch(self, give_up: float) -> tuple[bytes, float | None]:
         left_s = max(0.05, give_up - time.monotonic())
         try:
-            with urllib.request.urlopen(self._settings.where, timeout=left_s) as answer:
+            with open_directly(self._settings.where, left_s) as answer:
                 stamp = answer.headers.get(TIME_HEADER)
                 data = answer.read(pictures.MOST_BYTES)
                 return data, None if stamp is None else float(stamp)

@@ -5,7 +5,6 @@ experiment does both through the admin port; the method's side is the same.
 """
 
 import contextlib
-import urllib.request
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +13,7 @@ from typing import Protocol, Self
 from pliant.cell import Truth
 from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
+from pliant.network import open_directly
 from pliant.pose import Pose
 from pliant.task import Task, load_task, shipped_pegs
 from pliant.ur5e import configuration as c
@@ -191,7 +191,7 @@ class UrCell:
             self._peg = peg
             with contextlib.suppress(OSError):  # a broken camera is for the trial to find
                 # The emulator's first picture of a peg takes longer than a camera may.
-                urllib.request.urlopen(self.configuration.camera.where, timeout=_FIRST_S).read()
+                open_directly(self.configuration.camera.where, _FIRST_S).read()
 
 
 def open_cell(path: Path, operator: Operator | None = None) -> UrCell:

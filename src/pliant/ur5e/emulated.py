@@ -2,11 +2,11 @@
 
 import json
 import math
-import urllib.request
 
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.network import open_directly
 from pliant.pose import angles_from
 from pliant.ur5e import configuration as c
 from pliant.ur5e.pace import AdminPort
@@ -34,7 +34,7 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
     try:
         cell = admin.ask("describe")
         url = f"{cell['camera_url']}/cameras.json"
-        with urllib.request.urlopen(url, timeout=_PATIENCE_S) as answer:
+        with open_directly(url, _PATIENCE_S) as answer:
             (side,) = (camera for camera in json.load(answer) if camera["name"] == "side")
     except OSError as error:
         raise InputError(f"the emulator at {address} does not answer: {error}") from error

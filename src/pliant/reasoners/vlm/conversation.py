@@ -24,6 +24,7 @@ from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import UsageLimits
 
 from pliant.errors import PliantError
+from pliant.reasoners.vlm.causes import causes, why
 from pliant.reasoners.vlm.settings import Output, Settings
 from pliant.reasoners.vlm.wire import Call, Wire
 from pliant.reasoners.vlm.words import one_line
@@ -105,7 +106,7 @@ def ask(
     except TimeoutError:
         problem = _after(refusals, f"no usable reply within {settings.deadline_s:g} s")
     except AgentRunError as error:
-        problem = _after(refusals, _reason(error))
+        problem = _after(refusals, _flaw(wire.calls[before:]) or _reason(error, wire))
     except Exception as error:  # a server may send anything, and a client library raise anything
         problem = _after(refusals, f"{type(error).__name__}: {error}")
     return Answer(
@@ -116,18 +117,24 @@ def ask(
     )
 
 
-def _reason(error: AgentRunError) -> str:
+def _flaw(calls: Sequence[Call]) -> str:
+    """What was odd about the form of the last reply, where that was the last that happened."""
+    return calls[-1].flaw if calls and not calls[-1].error else ""
+
+
+def _reason(error: AgentRunError, wire: Wire) -> str:
     """Why a conversation ended: what was wrong with the last reply, where that was it."""
     if isinstance(error, UsageLimitExceeded):
         return "no usable reply to either request"
-    cause = error.__cause__
-    if isinstance(error, UnexpectedModelBehavior) and cause is not None:
-        if isinstance(cause, ValidationError):
-            wrong = cause.errors(include_url=False, include_input=False, include_context=False)
-            told = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}".lstrip(": ") for e in wrong)
-            return f"not the structure that was asked for: {'; '.join(told)}"
-        return str(cause) or str(error)
-    return str(error) or type(error).__name__
+    if isinstance(error, UnexpectedModelBehavior):
+        for cause in causes(error):
+            if isinstance(cause, ValidationError):
+                wrong = cause.errors(include_url=False, include_input=False, include_context=False)
+                told = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}".lstrip(": ") for e in wrong)
+                return f"not the structure that was asked for: {'; '.join(told)}"
+        if error.__cause__ is not None:
+            return str(error.__cause__) or str(error)
+    return why(error, wire.wrapped.base_url)
 
 
 def _after(refusals: Sequence[str], reason: str) -> str:

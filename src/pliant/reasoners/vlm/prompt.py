@@ -81,17 +81,17 @@ def situation(
     if shown is not None:
         content += [
             f"Goal picture: how {formation} looked when it succeeded with the {shown.peg} peg.",
-            _picture(shown.view.image, settings),
+            picture(shown.view.image),
         ]
     content.append("\n\n".join(filter(None, _sections(case, settings, verdict, analysis))))
     if settings.picture:
         views = case.outcome.looks[-1].observation.views
         content += [
             f"Picture taken after this {formation}:",
-            _picture(views["side"].image, settings),
+            picture(views["side"].image),
         ]
         if "front" in views:
-            content += ["The same from the front:", _picture(views["front"].image, settings)]
+            content += ["The same from the front:", picture(views["front"].image)]
     return content
 
 
@@ -294,10 +294,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, ["---"] * len(head), *rows])
 
 
-def _picture(image: NDArray[np.uint8], settings: Settings) -> BinaryContent:
+def picture(image: NDArray[np.uint8]) -> BinaryContent:
     """A picture (height, width, 3), RGB, as PNG."""
     done, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     assert done, "OpenCV encodes any 8-bit picture"
-    return BinaryContent(
-        png.tobytes(), media_type="image/png", vendor_metadata={"detail": str(settings.detail)}
-    )
+    return BinaryContent(png.tobytes(), media_type="image/png")

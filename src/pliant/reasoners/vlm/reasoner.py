@@ -50,6 +50,7 @@ class Vlm:
     tape: Tape = field(default_factory=NoTape)
     rules: Rules = field(default_factory=Rules)
     _silent: int = 0
+    _last: str = ""
 
     def __post_init__(self) -> None:
         most_mm = min(self.settings.step_limit_mm, self.limits.goal_step_m * 1e3)
@@ -209,7 +210,7 @@ class Vlm:
         check: Callable[[T], str | None] = lambda _: None,
     ) -> Answer[T]:
         if self._silent >= _SILENT:
-            why = f"not asked: the model was silent {_SILENT} times in a row"
+            why = f"not asked: the model was silent {_SILENT} times in a row, last for {self._last}"
             return Answer(value=None, problem=why, refused=None, exchanges=())
         left = until - time.monotonic()
         if left <= 0:
@@ -229,6 +230,7 @@ class Vlm:
             self._silent = 0
         elif answer.exchanges:
             self._silent += 1
+            self._last = answer.problem
         return answer
 
 

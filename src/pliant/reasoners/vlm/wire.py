@@ -12,20 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
-from pydantic_ai.exceptions import (
-    AgentRunError,
-    ModelAPIError,
-    ModelConnectionError,
-    ModelRateLimitError,
-    ModelServerError,
-    ModelUnavailableError,
-)
+from pydantic_ai.exceptions import AgentRunError, ModelAPIError
 from pydantic_ai.messages import (
     BinaryContent,
     ModelMessage,
     ModelRequest,
     ModelResponse,
     TextPart,
+    ThinkingPart,
     ToolCallPart,
     UserPromptPart,
 )
@@ -33,18 +27,15 @@ from pydantic_ai.models import Model, ModelRequestParameters
 from pydantic_ai.models.wrapper import WrapperModel
 from pydantic_ai.settings import ModelSettings
 
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.causes import MAY_PASS, why
+from pliant.reasoners.vlm.models import takes_detail
+from pliant.reasoners.vlm.settings import Detail, Settings
 from pliant.reasoners.vlm.tape import RESPONSE, Reply, Request, Tape
-from pliant.reasoners.vlm.words import one_line, printable, without_keys
+from pliant.reasoners.vlm.words import printable, without_keys
 
 TRIES = 3  # of one request, where trying again may help
-_MAY_PASS = (
-    ModelRateLimitError,
-    ModelUnavailableError,
-    ModelServerError,
-    ModelConnectionError,
-)
 _PAUSE_S = 0.5  # before the second try; doubled after that
+_END_OF_THOUGHTS = "</think>"
 _CHARACTERS = 20  # of a reply per token that it may have; what is beyond that is cut off
 _ANYTHING: TypeAdapter[Any] = TypeAdapter(Any)
 
@@ -75,7 +66,8 @@ class Budget:
 
 @dataclass(frozen=True, kw_only=True)
 class Call:
-    """One request as it is kept: `error` where no reply came, `note` what is odd about it."""
+    """One request as it is kept: `error` where no reply came, `note` what is odd about it, `flaw`
+    why the reply, by its form, may not be usable."""
 
     request: str
     pictures: tuple[NDArray[np.uint8], ...]
@@ -88,6 +80,7 @@ class Call:
     cost_usd: float | None = None
     error: str = ""
     note: str = ""
+    flaw: str = ""
 
 
 @dataclass(init=False)
@@ -140,7 +133,7 @@ class Wire(WrapperModel):
             self._failed(request, messages, "no reply before the deadline", started)
             raise
         except Exception as error:
-            self._failed(request, messages, _why(error), started)
+            self._failed(request, messages, why(error, self.wrapped.base_url), started)
             raise
         self.tape.keep(request, reply)
         return self._answered(messages, reply, same_pictures=True)
@@ -151,11 +144,13 @@ class Wire(WrapperModel):
         settings: ModelSettings | None,
         parameters: ModelRequestParameters,
     ) -> ModelResponse:
+        if takes_detail(self.wrapped):
+            messages = [_detailed(m, self.budget.settings.detail) for m in messages]
         prepared = self.wrapped.prepare_messages(messages, parameters)
         for attempt in range(1, TRIES + 1):
             try:
                 return await self.wrapped.request(prepared, settings, parameters)
-            except _MAY_PASS as error:
+            except MAY_PASS as error:
                 if attempt == TRIES:
                     raise
                 asked = error.retry_after
@@ -173,7 +168,7 @@ class Wire(WrapperModel):
         if reply.message is None:
             self.calls.append(_call(messages, error=reply.error, latency_s=reply.latency_s))
             raise ModelAPIError("recorded", reply.error)
-        response = RESPONSE.validate_python(reply.message)
+        response = _without_orphan(RESPONSE.validate_python(reply.message))
         usage, cost = response.usage, self._cost(response)
         self.budget.tokens += usage.input_tokens + usage.output_tokens
         self.budget.usd += cost or 0.0
@@ -188,6 +183,7 @@ class Wire(WrapperModel):
                 latency_s=reply.latency_s,
                 cost_usd=cost,
                 note=note,
+                flaw=_flaw(response, self.budget.settings.reply_tokens),
             )
         )
         return response
@@ -214,10 +210,6 @@ class Wire(WrapperModel):
 def _since(started: float) -> float:
     """Seconds since then, as exactly as they are recorded."""
     return round(time.perf_counter() - started, 4)
-
-
-def _why(error: Exception) -> str:
-    return one_line(f"{type(error).__name__}: {error}")
 
 
 # --- messages as words and pictures ---------------------------------------------------------------
@@ -265,6 +257,61 @@ def _cut(response: ModelResponse, most: int) -> ModelResponse:
         return response
     return replace(
         response, parts=[TextPart(f"{text[:most]} … and {extra} characters more, cut off")]
+    )
+
+
+def _without_orphan(response: ModelResponse) -> ModelResponse:
+    """A reply whose thoughts end with a mark that nothing began, as templates that begin them
+    themselves leave it: the thoughts apart from what follows them."""
+    parts: list[Any] = []
+    for part in response.parts:
+        thoughts, mark, rest = (
+            part.content.partition(_END_OF_THOUGHTS) if isinstance(part, TextPart) else ("", "", "")
+        )
+        is_json = thoughts.lstrip().startswith("{")  # then the mark stands in a value
+        if mark and not is_json:
+            parts += [ThinkingPart(thoughts.strip()), TextPart(rest.strip())]
+        else:
+            parts.append(part)
+    return response if len(parts) == len(response.parts) else replace(response, parts=parts)
+
+
+def _flaw(response: ModelResponse, reply_tokens: int) -> str:
+    """What a person should know of a reply's form, where it turns out not to be usable."""
+    has_answer = any(
+        isinstance(part, ToolCallPart) or (isinstance(part, TextPart) and part.content.strip())
+        for part in response.parts
+    )
+    if response.finish_reason == "length":
+        what = "the reply was" if has_answer else "its thoughts took the whole reply, which was"
+        return f"{what} cut at {reply_tokens} tokens: give more with --reply-tokens"
+    if has_answer:
+        return ""
+    has_thoughts = any(isinstance(part, ThinkingPart) for part in response.parts)
+    return "the reply holds thoughts and no answer" if has_thoughts else "the reply is empty"
+
+
+def _detailed(message: ModelMessage, detail: Detail) -> ModelMessage:
+    """The message with each picture marked for the resolution at which it is to be looked at."""
+    if not isinstance(message, ModelRequest):
+        return message
+    marked = {"detail": str(detail)}
+    return replace(
+        message,
+        parts=[
+            replace(
+                part,
+                content=[
+                    replace(item, vendor_metadata=marked)
+                    if isinstance(item, BinaryContent)
+                    else item
+                    for item in part.content
+                ],
+            )
+            if isinstance(part, UserPromptPart) and not isinstance(part.content, str)
+            else part
+            for part in message.parts
+        ],
     )
 
 

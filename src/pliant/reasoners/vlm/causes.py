@@ -1,0 +1,127 @@
+"""Why no reply came, in the words of who knows it: the server, or the operating system."""
+
+import json
+import os
+import socket
+import ssl
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+from pydantic_ai.exceptions import (
+    ModelAPIError,
+    ModelConnectionError,
+    ModelHTTPError,
+    ModelQuotaExceededError,
+    ModelRateLimitError,
+    ModelRequestRejectedError,
+    ModelServerError,
+    ModelUnavailableError,
+)
+
+from pliant.reasoners.vlm.words import one_line
+
+_SAY = ("message", "error", "detail", "msg", "errors")  # where servers put their words
+
+MAY_PASS = (
+    ModelRateLimitError,
+    ModelUnavailableError,
+    ModelServerError,
+    ModelConnectionError,
+)
+"""Errors that the same request may not meet again."""
+
+
+def why(error: BaseException, base_url: str | None = None) -> str:
+    """The cause of an error in one line: a server's status and its own message, or what the
+    operating system says of the connection to `base_url`."""
+    if isinstance(error, ModelHTTPError):
+        meant = error.suggested_model_id
+        told = said(error.body) or "no reason given"
+        hint = f"; did you mean {meant}?" if meant else ""
+        return one_line(f"{error.status_code}: {told}{hint}")
+    if isinstance(error, ModelConnectionError):
+        place = f" to {_address(base_url)}" if base_url else ""
+        return one_line(f"connection{place} failed: {_systems(error)}")
+    return one_line(str(error)) or type(error).__name__
+
+
+def causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and its causes, the nearest first."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        yield error
+        if isinstance(error, BaseExceptionGroup):
+            for one in error.exceptions:
+                yield from causes(one)
+        error = error.__cause__ or error.__context__
+
+
+def will_not_pass(error: BaseException) -> bool:
+    """Whether the same request, sent again in a while, would meet the same end: it was refused for
+    what it is or whose it is, or nobody is there to hear it."""
+    if isinstance(error, ModelConnectionError):
+        return error.phase in (None, "connect", "pool") and _is_nobody(error)
+    return isinstance(error, ModelRequestRejectedError | ModelQuotaExceededError)
+
+
+def said(body: Any) -> str:
+    """A server's own words in the body of its error, whatever shape it has; empty: none."""
+    if isinstance(body, dict):
+        found = (said(body[name]) for name in _SAY if name in body)
+        return next(filter(None, found), "") or (json.dumps(body, default=str) if body else "")
+    if isinstance(body, list):
+        return "; ".join(filter(None, map(said, body)))
+    if isinstance(body, str) and body.lstrip().startswith(("{", "[")):
+        try:
+            return said(json.loads(body)) or body
+        except ValueError:
+            return body
+    return "" if body is None else str(body)
+
+
+def refusal(status: int, body: Any, model: str) -> ModelAPIError:
+    """The error for an error's `body` that came with the status of a success; `status` is what the
+    body calls itself."""
+    if not 400 <= status <= 599:
+        return ModelAPIError(model, said(body) or "an error without words")
+    kind = next((kind for codes, kind in _KINDS if status in codes), ModelRequestRejectedError)
+    return ModelHTTPError.for_category(kind, status_code=status, model_name=model, body=body)
+
+
+_KINDS: tuple[tuple[range, Any], ...] = (
+    (range(429, 430), ModelRateLimitError),
+    (range(503, 504), ModelUnavailableError),
+    (range(500, 600), ModelServerError),
+)
+
+
+def _systems(error: BaseException) -> str:
+    """What lies deepest under an error: the operating system's words where it has some."""
+    chain = [e for e in causes(error) if str(e)]
+    for cause in reversed(chain):
+        if isinstance(cause, ssl.SSLCertVerificationError):
+            return f"certificate refused: {cause.verify_message}"
+        if isinstance(cause, ssl.SSLError):
+            return f"no TLS: {cause.reason or cause}"
+        if isinstance(cause, OSError) and cause.errno is not None:
+            is_name = isinstance(cause, socket.gaierror)
+            return str(cause.strerror) if is_name else os.strerror(cause.errno)
+    return str(chain[-1]) if chain else type(error).__name__
+
+
+def _is_nobody(error: BaseException) -> bool:
+    """Whether the connection failed for good: no such name, no such server, no trust in it."""
+    return any(
+        isinstance(e, ConnectionRefusedError | socket.gaierror | ssl.SSLError)
+        for e in causes(error)
+    )
+
+
+def _address(url: str) -> str:
+    """A server's address without what may be secret in it."""
+    parts = urlsplit(url)
+    host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
+    port = f":{parts.port}" if parts.port else ""
+    return f"{parts.scheme}://{host}{port}{parts.path.rstrip('/')}"
