@@ -116,6 +116,7 @@ def test_any_other_value_means_what_it_looks_like(text: str, value: object) -> N
         ("w: {x: 1}\nv: 1\n\nw:\n  x: 2\n", 4, "'w' stands on line 1 already"),
         ("a: 1\n<<: {b: 2}\n", 2, "'<<'"),
         ("a: 1\n? [b]\n: 2\n", 2, "a field's name must be text"),
+        ("a: {b c\n d\n\n e: }\n", 4, "empty: write null"),
         ("a: 1\n3: 2\n", 2, "'3' as a field's name must be text: quote it"),
         ("a: 1\non: 2\n", 2, "true or false"),
         ("a: 1\nb:\nc: 2\n", 2, "b is empty: write null, or remove it"),

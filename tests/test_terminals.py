@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from test_tables import made
 
+from pliant import store
+from pliant.errors import InputError
 from pliant.experiment import results, runner
 from pliant.experiment.plan import from_fields
 from pliant.task import load_task
@@ -76,3 +78,10 @@ def test_a_pegs_name_is_text_whatever_its_files_name_is(tmp_path: Path) -> None:
         found = load_task(str(path)).peg.name
         assert found.encode().decode() == found
         assert found in (shown, "gr\N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER}e")
+
+
+def test_an_output_folder_that_libraries_cannot_name_is_refused_at_once(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"gr\xf6\xdfe") / "run"
+    with pytest.raises(InputError, match="its name is not UTF-8"):
+        store.prepare_folder(folder)
+    assert list(tmp_path.iterdir()) == []

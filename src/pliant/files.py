@@ -24,6 +24,7 @@ from pydantic_core import ErrorDetails
 
 from pliant import folders
 from pliant.errors import InputError, did_you_mean
+from pliant.text import in_a_line
 
 MOST_BYTES = 100_000  # of a file that a person writes
 MOST_VALUES = 5_000  # in it: read in about a second
@@ -66,8 +67,8 @@ class Document:
         """The error for a value, in one line with the file and the line on which it stands."""
         while place not in self.marks and place:
             place = place[:-1]
-        where = f", line {self.marks[place].line}" if place or self.is_part else ""
-        return InputError(f"{self.what}{where}: {message}")
+        has_line = bool(place) or self.is_part
+        return _error(self.what, message, self.marks[place].line if has_line else None)
 
     @contextmanager
     def at(self, place: Place) -> Iterator[None]:
@@ -145,7 +146,7 @@ def read_yaml(path: Path, kind: str, advice: str = "") -> Document:
         InputError: it cannot be read, is no text in UTF-8, is too large, or is not YAML that is
             understood in one way only.
     """
-    what = f"{kind} '{path}'"
+    what = in_a_line(f"{kind} '{path}'")
     also = f"; {advice}" if advice else ""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -169,20 +170,22 @@ def parse_yaml(content: bytes, what: str, advice: str = "") -> Document:
     return _Builder(what, text, advice).document()
 
 
+def _error(what: str, message: str, line: int | None = None) -> InputError:
+    """An error about a file. A field's name or the file's may hold the end of a line."""
+    where = f", line {line}" if line else ""
+    return InputError(in_a_line(f"{what}{where}: {message}"))
+
+
 def _text(content: bytes, what: str) -> str:
     try:
         text = content.decode()
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"{what}, line {line}: byte 0x{content[error.start]:02x} is not UTF-8: save the file as"
-            " UTF-8 text"
-        ) from error
+        byte = f"byte 0x{content[error.start]:02x}"
+        raise _error(what, f"{byte} is not UTF-8: save the file as UTF-8 text", line) from error
     if found := yaml.reader.Reader.NON_PRINTABLE.search(text):
         line = text.count("\n", 0, found.start()) + 1
-        raise InputError(
-            f"{what}, line {line}: the character U+{ord(found[0]):04X} is not text: remove it"
-        )
+        raise _error(what, f"the character U+{ord(found[0]):04X} is not text: remove it", line)
     return text
 
 
@@ -214,7 +217,7 @@ class _Builder:
             mark = error.problem_mark or error.context_mark
             line = mark.line + 1 if mark else 1
             problem = _plainly(error, self._text.splitlines()[line - 1 : line])
-            raise InputError(f"{self._what}, line {line}: it is not YAML: {problem}") from error
+            raise _error(self._what, f"it is not YAML: {problem}", line) from error
         except (ValueError, OverflowError) as error:  # PyYAML lets them through: \U99999999
             raise InputError(f"{self._what} is not YAML: {shortened(str(error))}") from error
 
@@ -315,7 +318,7 @@ class _Builder:
         return shortened(self._text[event.start_mark.index :].split(maxsplit=1)[0])
 
     def _refused(self, event: Any, message: str) -> InputError:
-        return InputError(f"{self._what}, line {event.start_mark.line + 1}: {message}")
+        return _error(self._what, message, event.start_mark.line + 1)
 
 
 def _plainly(error: yaml.MarkedYAMLError, line: list[str]) -> str:

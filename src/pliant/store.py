@@ -219,8 +219,15 @@ def prepare_folder(path: Path) -> None:
     """Make an output folder. One that pliant wrote before may be used again.
 
     Raises:
-        InputError: it cannot be made, or it holds something that pliant did not write, or a link.
+        InputError: it cannot be made or named, or it holds something that pliant did not write, or
+            a link.
     """
+    try:
+        os.path.abspath(path).encode()  # noqa: PTH100, the libraries take no other names
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"output folder '{path}' cannot be used: its name is not UTF-8; choose another"
+        ) from error
     try:
         path.mkdir(parents=True, exist_ok=True)
         is_ours = is_unused(path) or any((path / name).is_file() for name in (RUN, TRIAL))
