@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
 
 from pliant import store
 from pliant.cell import Truth
 from pliant.commissioning.attending import Attending
 from pliant.commissioning.operator import AtTerminal
 from pliant.conditions import Setup
+from pliant.console import Console
 from pliant.errors import InputError, RobotFault
 from pliant.experiment import journal, labels, results, runner, tables
 from pliant.experiment.attended import Attended

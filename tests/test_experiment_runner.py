@@ -13,9 +13,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from rich.console import Console
 
 from pliant import store
+from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import journal, results
 from pliant.experiment.columns import EXECUTIONS, schema

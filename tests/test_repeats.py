@@ -4,11 +4,11 @@ from dataclasses import replace
 from io import StringIO
 
 import pytest
-from rich.console import Console
 from stand_ins import case_after, executed, outcome_of, scene_of
 
 from pliant.cell import Stop, Truth
 from pliant.cli.run import _Teller
+from pliant.console import Console
 from pliant.formations import Formation
 from pliant.records import Execution, Outcome
 from pliant.repeats import (

@@ -14,12 +14,12 @@ from pliant.errors import InputError
 from pliant.records import Aborted, End, Trial
 from pliant.report import overlay, strip, video, words
 from pliant.report.canvas import FAILURE, SUCCESS
-from pliant.report.html import plain
 from pliant.report.trial import write
 from pliant.sim.cell import Trajectory
 from pliant.sim.replay import Replay
 from pliant.store import load_trial
 from pliant.teaching import shipped
+from pliant.text import visible
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def page_of(folder: Path) -> Page:
 
 def test_the_page_shows_what_models_wrote_as_text(folder: Path) -> None:
     page = page_of(folder)
-    shown = plain(HOSTILE)
+    shown = visible(HOSTILE)
     assert page.words.count(shown) == 8  # name, reason, two requests, two replies, refusal, why
     assert len(page.all("script")) == 3  # the page's own, its data and the library
     assert page.all("b") == []

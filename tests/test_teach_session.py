@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
 from stand_ins import ScriptedRobot, motion_to, prepared, scene_of, side_camera
 from teach_keys import PRESSES
 
@@ -19,6 +18,7 @@ from pliant.commissioning.keys import HELP, INTENTS, split
 from pliant.commissioning.screen import render
 from pliant.commissioning.session import Session, begin
 from pliant.commissioning.teach import Place, Teacher, teach
+from pliant.console import Console
 from pliant.envelope import Limits
 from pliant.errors import InputError, RobotFault
 from pliant.formations import OWNED, Formation

@@ -25,6 +25,7 @@ from pliant.report.overview_data import command as command_for
 from pliant.report.view import Viewed, view
 from pliant.store import PICTURES
 from pliant.teaching import shipped
+from pliant.text import visible
 
 PEGS = ("square", "rectangle")
 
@@ -197,7 +198,7 @@ def test_what_pegs_conditions_and_reasoners_are_called_stays_text(tmp_path: Path
     assert not page.all("b")
     assert not page.all("img")
     assert len(page.all("script")) == 2
-    assert html.plain(HOSTILE) in page.data["cells"][-1]["peg"]
+    assert visible(HOSTILE) in page.data["cells"][-1]["peg"]
     assert "\x1b" not in page.words
 
 

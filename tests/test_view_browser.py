@@ -12,10 +12,10 @@ from test_tables import made
 from view_folders import HOSTILE, drawn, experiment, told
 
 from pliant.experiment.rows import Rows
-from pliant.report.html import plain
 from pliant.report.serve import Server
 from pliant.report.view import view
 from pliant.teaching import shipped
+from pliant.text import visible
 
 pytestmark = pytest.mark.system
 PEGS = ("square", "rectangle")
@@ -125,7 +125,7 @@ def test_hostile_text_is_shown_and_does_nothing(
         opened(browser, page)
         browser.execute_script("document.querySelectorAll('details').forEach((d) => d.open = true)")
         shown = browser.execute_script("return document.body.textContent")
-        assert plain(HOSTILE) in shown
+        assert visible(HOSTILE) in shown
         assert "owned" not in browser.title
         assert browser.execute_script("return document.querySelectorAll('main b').length") == 0
     assert complaints(browser) == []

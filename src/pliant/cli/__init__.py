@@ -16,6 +16,7 @@ from pliant.cli.run import run
 from pliant.cli.tables import tables
 from pliant.cli.teach import teach
 from pliant.cli.view import view
+from pliant.console import complain
 from pliant.errors import PliantError
 from pliant.paths import current_folder, shortened
 from pliant.text import replace_unshowable
@@ -48,7 +49,7 @@ def main() -> None:
             )
         )
     except PliantError as error:
-        print(f"pliant: {shortened(str(error))}", file=sys.stderr)
+        complain(f"pliant: {shortened(str(error))}")
         sys.exit(2)
     except UnicodeEncodeError as error:  # the streams replace, so it is a file's name
         print(
@@ -62,7 +63,7 @@ def main() -> None:
         sys.exit(1)
     except KeyboardInterrupt as stop:
         said = ": ".join(["pliant: interrupted", *map(str, stop.args)])
-        print(shortened(said), file=sys.stderr)
+        complain(shortened(said))
         sys.exit(130)
 
 

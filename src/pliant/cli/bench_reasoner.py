@@ -9,10 +9,10 @@ from types import TracebackType
 from typing import Annotated, Self
 
 import tyro
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pliant.cli.model import ModelOptions
+from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
 from pliant.experiment.bench.cases import SHIPPED, Cases
@@ -53,7 +53,7 @@ def bench_reasoner(
         document = run.run(makers, chosen, limit=limit, on_mark=shown.tell)
     if out is not None:
         write_bytes(out, (json.dumps(document, indent=1) + "\n").encode())
-    Console(soft_wrap=True).print(table.markdown(document), markup=False, highlight=False, end="")
+    Console(soft_wrap=True).print(table.markdown(document), highlight=False, end="")
     return 0
 
 
@@ -105,7 +105,7 @@ class _Shown:
     def __init__(self, total: int) -> None:
         self._console = Console(stderr=True)
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TimeRemainingColumn(),

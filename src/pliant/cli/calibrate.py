@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 import cv2
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.text import Text
 
 from pliant import conditions
@@ -20,6 +19,7 @@ from pliant.calibration.outline import peg_points, project
 from pliant.cell import Camera, Image, Robot
 from pliant.cli.cells import opened, where
 from pliant.conditions import Setup
+from pliant.console import Console
 from pliant.envelope import Guarded
 from pliant.errors import InputError, PliantError, RobotFault
 from pliant.experiment.where import Where
@@ -83,10 +83,10 @@ def calibrate(
             with workcell.prepare(task, setup) as robot:
                 session.run(what, robot, peg_at, block_at)
     except RobotFault as fault:
-        console.print(f"{fault.end_reason}: {fault}", markup=False)
+        console.print(f"{fault.end_reason}: {fault}")
         return 1
     except _Refused as refusal:
-        console.print(f"refused: {refusal}", markup=False)
+        console.print(f"refused: {refusal}")
         return 1
     return 0
 

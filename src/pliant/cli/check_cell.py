@@ -3,11 +3,11 @@
 import json as json_format
 from dataclasses import asdict
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from pliant.cli.cells import where
+from pliant.console import Console, say
 from pliant.task import load_task
 
 _COLOURS = {"pass": "#117733", "fail": "#882255"}
@@ -28,7 +28,7 @@ def check_cell(*, cell: str = "sim", peg: str = "circle", json: bool = False) ->
     is_ready = all(finding.is_good for finding in findings)
     if json:
         checks = [asdict(finding) for finding in findings]
-        print(json_format.dumps({"ready": is_ready, "checks": checks}))
+        say(json_format.dumps({"ready": is_ready, "checks": checks}))
         return 0 if is_ready else 1
     table = Table(box=None, pad_edge=False, header_style="dim")
     for name in ("check", "", "found, and what to do"):

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.console import Console
 from rich.prompt import Confirm
 
 from pliant.cli.attended import attended
 from pliant.cli.cells import where
 from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
+from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import plan, price, runner, tables
 from pliant.experiment.plan import Experiment
@@ -120,13 +120,12 @@ def experiment(
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
         return 1
     text = markdown(tables.write(out))
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
-    console.print(f"results: {shown(out)}", markup=False, highlight=False)
+    console.print(text, highlight=False, soft_wrap=True)
+    console.print(f"results: {shown(out)}", highlight=False)
     if ended.faults:
         console.print(
             f"{ended.faults} of {ended.total} trials were faults, of which nothing is known: see"
             f" above, mend the cause, and the same command with {runner.AGAIN} repeats them",
-            markup=False,
             highlight=False,
             soft_wrap=True,
         )
@@ -143,7 +142,7 @@ def _confirm(planned: Experiment, console: Console, yes: bool) -> None:
     cost = price.estimate(planned)
     if cost is None:
         return
-    console.print(str(cost), markup=False, highlight=False, soft_wrap=True)
+    console.print(str(cost), highlight=False, soft_wrap=True)
     if yes:
         return
     if not sys.stdin.isatty():

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
+from pliant.console import Console
 from pliant.errors import InputError
 from pliant.paths import located, shown
 
@@ -52,15 +52,13 @@ def export(
     console = Console(highlight=False, soft_wrap=True)
     if rerun_out is not None:
         recorded = recording.write(source, rerun_out, fps=fps)
-        console.print(f"rerun: {shown(rerun_out)}: {recorded}", markup=False)
+        console.print(f"rerun: {shown(rerun_out)}: {recorded}")
     if failure_qa_out is not None:
         asked = failure_qa.write(source, failure_qa_out)
-        console.print(
-            f"failure QA: {shown(failure_qa_out)}: {_in_words(asked)} questions", markup=False
-        )
+        console.print(f"failure QA: {shown(failure_qa_out)}: {_in_words(asked)} questions")
     if lerobot_out is not None:
         made_of = lerobot.write(source, lerobot_out, fps=fps, cameras=cameras, workers=workers)
-        console.print(f"LeRobot: {shown(lerobot_out)}: {_in_words(made_of)} episodes", markup=False)
+        console.print(f"LeRobot: {shown(lerobot_out)}: {_in_words(made_of)} episodes")
     return 0
 
 

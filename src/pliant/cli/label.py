@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
+from pliant.console import Console
 from pliant.errors import InputError
 from pliant.records import Trial
 
@@ -27,7 +27,7 @@ def label(folder: Annotated[Path, tyro.conf.Positional]) -> int:
     person = Attending(console)
 
     def ask(trial: Trial, picture: Path) -> bool | None:
-        console.print(f"\n{trial.trial_id}", style="bold", markup=False)
+        console.print(f"\n{trial.trial_id}", style="bold")
         return person.label(trial, picture)
 
     done, missing = labels.label(folder, ask)

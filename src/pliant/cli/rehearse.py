@@ -1,6 +1,5 @@
 """`pliant run --dry-run` and `--air`: a trial's motions on paper, and run above the board."""
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -8,6 +7,7 @@ from pliant.cli.cells import opened
 from pliant.commissioning import rehearsal
 from pliant.commissioning.operator import AtTerminal
 from pliant.conditions import Setup
+from pliant.console import Console
 from pliant.errors import RobotFault
 from pliant.experiment.where import Where
 from pliant.pose import Axis

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.console import Console
 from rich.text import Text
 
 from pliant import store
@@ -21,6 +20,7 @@ from pliant.cli.attended import attended
 from pliant.cli.cells import where
 from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
+from pliant.console import Console, say
 from pliant.errors import InputError
 from pliant.experiment import journal, plan, results, runner
 from pliant.experiment.one import Spec, perform
@@ -123,7 +123,7 @@ def run(
     report.write(page, trial, teaching, trajectory=trajectory, video=video)
     teller.end(trial, page / report.PAGE)
     if json:
-        print(json_format.dumps(rows_of(trial).trial))
+        say(json_format.dumps(rows_of(trial).trial))
     return 0 if _is_done(trial) else 1
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from pliant.console import say
 from pliant.experiment import tables as made
 from pliant.experiment.tables_text import markdown
 
@@ -18,5 +19,5 @@ def tables(folder: Annotated[Path, tyro.conf.Positional], *, json: bool = False)
         json: print JSON instead.
     """
     document = made.write(folder)
-    print(json_format.dumps(document, indent=1) if json else markdown(document))
+    say(json_format.dumps(document, indent=1) if json else markdown(document))
     return 0

@@ -4,12 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
-from rich.console import Console
 from rich.live import Live
 
 from pliant.cell import Observation
 from pliant.cli.cells import opened, where
 from pliant.conditions import Setup
+from pliant.console import Console
 from pliant.errors import InputError, RobotFault
 from pliant.paths import located, shown
 from pliant.task import Task, load_task, located_peg
@@ -63,10 +63,10 @@ def teach(
                 with Live(console=console, screen=True, auto_refresh=False) as live:
                     is_written = go_on(teacher, keys, _shower(live, title, task, picture))
         if is_written:
-            console.print(f"goals: {shown(goals)}", markup=False)
+            console.print(f"goals: {shown(goals)}")
             return 0
     except RobotFault as fault:
-        console.print(f"{fault.end_reason}: {fault}", markup=False)
+        console.print(f"{fault.end_reason}: {fault}")
         status = 130 if fault.kind == "interrupted" else 1
     except KeyboardInterrupt:
         status = 130

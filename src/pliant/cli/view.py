@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 from rich.text import Text
 
 from pliant import store, teaching
+from pliant.console import Console, say
 from pliant.errors import InputError
 
 
@@ -59,7 +59,7 @@ def view(
             )
         )
     console.print(Text(f"{viewed.made} pages of trials made, {viewed.kept} up to date"))
-    print(viewed.page)
+    say(str(viewed.page))
     if server is not None:
         with suppress(KeyboardInterrupt):
             console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))

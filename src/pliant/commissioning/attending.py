@@ -4,12 +4,13 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
 from rich.prompt import Prompt
+from rich.text import Text
 
 from pliant.cell import Truth
 from pliant.commissioning.operator import AtTerminal
 from pliant.conditions import Setup
+from pliant.console import Console
 from pliant.errors import RobotFault
 from pliant.experiment.one import Spec
 from pliant.records import Trial
@@ -33,7 +34,9 @@ class Attending(AtTerminal):
         """Raises KeyboardInterrupt when the person has said that this is all."""
         if self._has_left:
             raise KeyboardInterrupt
-        self._asked.print(f"\n[bold]{spec.condition.name}[/], trial with seed {spec.seed}")
+        line = Text(f"\n{spec.condition.name}", style="bold")
+        line.append(f", trial with seed {spec.seed}", style="not bold")
+        self._asked.print(line)
 
     def place(self, task: Task, setup: Setup) -> None:
         """Raises RobotFault "skipped" or "interrupted" when it is not done."""
@@ -60,14 +63,14 @@ class Attending(AtTerminal):
         if self._has_left:
             raise KeyboardInterrupt
         if trial.fault:
-            self._asked.print(f"ended by {trial.end_reason}: {trial.fault}", markup=False)
-        self._asked.print(f"last picture: {picture}", markup=False, soft_wrap=True)
+            self._asked.print(f"ended by {trial.end_reason}: {trial.fault}")
+        self._asked.print(f"last picture: {picture}", soft_wrap=True)
         choices = {"y": "10 mm deep or more", "n": "no", "u": "unknown: label it later"}
         answer = self._choice("Is the peg inserted?", choices, at_the_end="")
         self._has_left = not answer
         inserted = _LABELS[answer or "u"]
         judged = "inserted" if trial.judged else "not inserted"
-        self._asked.print(f"judged {judged} ({trial.end_reason})", markup=False)
+        self._asked.print(f"judged {judged} ({trial.end_reason})")
         return inserted
 
     def _choice(self, question: str, choices: dict[str, str], at_the_end: str) -> str:

@@ -2,11 +2,11 @@
 
 import math
 
-from rich.console import Console
 from rich.prompt import Confirm
 
 from pliant.cell import Truth
 from pliant.conditions import Setup, in_words
+from pliant.console import Console
 from pliant.errors import RobotFault
 from pliant.task import Task
 

@@ -6,6 +6,7 @@ import sys
 
 import tyro
 
+from pliant.console import complain, say
 from pliant.emulator.emulator import Options, serve
 from pliant.errors import PliantError
 from pliant.text import replace_unshowable
@@ -20,18 +21,17 @@ def main() -> None:
     options = tyro.cli(Options, prog=_PROGRAM, config=flags)
     try:
         if not options.is_loopback():
-            print(
+            complain(
                 f"warning: {options.host} can be reached from other machines, and nothing here asks"
-                " for a password",
-                file=sys.stderr,
+                " for a password"
             )
         # The default selector rounds waits up to milliseconds, which are most of a tick.
         with asyncio.Runner(
             loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
         ) as runner:
-            runner.run(serve(options, lambda text: print(text, flush=True)))
+            runner.run(serve(options, lambda text: say(text)))
     except PliantError as error:
-        print(f"pliant.emulator: {error}", file=sys.stderr)
+        complain(f"pliant.emulator: {error}")
         sys.exit(2)
     except KeyboardInterrupt:  # before it was ready
         sys.exit(130)

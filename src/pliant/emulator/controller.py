@@ -1,6 +1,5 @@
 """The controller: registers, motion, safety, and one `tick` of 2 ms that ties them to the plant."""
 
-import sys
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -8,6 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from pliant.console import complain
 from pliant.emulator.frames import Array, inverse
 from pliant.emulator.gripper import Gripper
 from pliant.emulator.motion import Hold, Motion, Waypoint
@@ -282,4 +282,4 @@ class Controller:
 
 def note(controller: Controller, text: str) -> None:
     """Tell whoever watches the terminal."""
-    print(f"{controller.time_s:10.3f} s  {text}", file=sys.stderr, flush=True)
+    complain(f"{controller.time_s:10.3f} s  {text}")

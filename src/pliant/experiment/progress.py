@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from pliant.console import Console
 from pliant.experiment.plan import Experiment
 
 _PLAIN_EVERY_S = 30.0
@@ -101,7 +102,7 @@ class Shown:
             self._console.print(self._line(), highlight=False)
 
     def say(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False)
+        self._console.print(text, highlight=False)
 
     @property
     def _rate(self) -> float:

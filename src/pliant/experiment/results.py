@@ -126,7 +126,7 @@ def each_trials_executions(folder: Path) -> Iterator[list[Row]]:
         InputError: as `read_trials`.
     """
     refresh(folder)
-    batches = _read(folder / EXECUTIONS_FILE, EXECUTIONS, ("trial_id", "index", "formation"))
+    batches = _read(folder / EXECUTIONS_FILE, EXECUTIONS, ("trial_id",))
     rows = (row for batch in batches for row in batch.to_pylist())
     for _, group in groupby(rows, key=lambda row: row["trial_id"]):
         yield list(group)

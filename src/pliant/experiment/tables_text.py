@@ -5,6 +5,7 @@ from typing import Any
 
 from pliant.experiment.columns import KINDS
 from pliant.formations import RECOVERABLE
+from pliant.text import escaped
 
 Document = Mapping[str, Any]
 REFERENCE = "rules"
@@ -21,8 +22,8 @@ _CELLS = {
 
 def markdown(document: Document) -> str:
     """All tables of `tables.build`, under headings."""
-    cells = document["cells"]
-    paper = document["paper"]
+    document = escaped(document)
+    cells, paper = document["cells"], document["paper"]
     sections = [
         "# Tables",
         f"Paper: {paper['source']}, whose reasoner is {paper['reasoner']}; each row of ours says"

@@ -7,6 +7,7 @@ from pliant.export.labels import KINDS
 from pliant.export.output import LICENCE, origin, split_rule, table
 from pliant.export.source import Saved, Source, counts
 from pliant.formations import Formation
+from pliant.text import markdown
 
 
 def text(
@@ -104,4 +105,4 @@ _FEATURES = [
 
 def _counted(what: str, key: str, tally: Counter[tuple[str, str]]) -> list[str]:
     found = sorted((name, n) for (kind, name), n in tally.items() if kind == key)
-    return table([what, key], [[name, n] for name, n in found])
+    return table([what, key], [[markdown(name), n] for name, n in found])

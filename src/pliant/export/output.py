@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pliant.errors import InputError
 from pliant.export.source import HELD_OUT, Source
+from pliant.text import code, markdown
 
 CARD = "README.md"
 LICENCE = "apache-2.0"
@@ -59,11 +60,11 @@ def origin(source: Source) -> list[str]:
     changed = ", with changes that were not committed" if run.get("dirty") else ""
     versions = ", ".join(f"{name} {v}" for name, v in run.get("versions", {}).items())
     return [
-        f"- Run: `{source.folder.resolve().name}`, begun {run.get('started')}, fingerprint"
-        f" `{configuration.get('fingerprint', 'none')}`",
-        f"- Commit of pliant: `{commit}`{changed}",
-        f"- Versions: {versions}",
-        f"- Reasoners: {run.get('reasoner')}",
+        f"- Run: {code(source.folder.resolve().name)}, begun {markdown(str(run.get('started')))},"
+        f" fingerprint {code(str(configuration.get('fingerprint', 'none')))}",
+        f"- Commit of pliant: {code(str(commit))}{changed}",
+        f"- Versions: {markdown(versions)}",
+        f"- Reasoners: {markdown(str(run.get('reasoner')))}",
         "- Licence: Apache-2.0, for the data as for the code",
         "- Everything is simulated (MuJoCo); the arm's and the gripper's meshes come from MuJoCo"
         " Menagerie.",

@@ -27,6 +27,7 @@ from pliant.sim import replay
 from pliant.sim.model import SPRINGS
 from pliant.sim.setup import apply, place
 from pliant.store import load_trial
+from pliant.text import markdown
 
 TIMELINE = "robot_time"
 SUFFIX = ".rrd"
@@ -74,7 +75,9 @@ class _Log:
 
     def everything(self, source: Source) -> None:
         self._recording.send_recording_name(self._trial.trial_id)
-        self._document("about", "\n".join([f"# {self._trial.trial_id}", "", *origin(source)]))
+        self._document(
+            "about", "\n".join([f"# {markdown(self._trial.trial_id)}", "", *origin(source)])
+        )
         self._cell()
         self._film()
         self._plots()

@@ -8,13 +8,7 @@ import json
 from html import escape
 from typing import Any
 
-_BIDI = [*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C]
-_UNSHOWN = [*range(0x80, 0xA0), *range(0xD800, 0xE000), *_BIDI]
-_SIGNS: dict[int, str] = {
-    **{code: chr(0x2400 + code) for code in range(0x20) if chr(code) not in "\t\n\r"},
-    0x7F: "\N{SYMBOL FOR DELETE}",
-    **dict.fromkeys(_UNSHOWN, "\N{REPLACEMENT CHARACTER}"),
-}
+from pliant.text import visible
 
 
 class Html(str):
@@ -25,25 +19,22 @@ class Html(str):
 
 def join(*parts: str) -> Html:
     """Markup and texts, one after the other."""
-    return Html("".join(part if isinstance(part, Html) else escape(plain(part)) for part in parts))
+    return Html(
+        "".join(part if isinstance(part, Html) else escape(visible(part)) for part in parts)
+    )
 
 
 def tag(name: str, /, *children: str, **attributes: str | bool | None) -> Html:
     """An element. `class_="a"` and `aria_label="b"` are written class and aria-label; an attribute
     that is None or False is left out, one that is True has no value."""
     written = "".join(
-        f" {_name(key)}" if value is True else f' {_name(key)}="{escape(plain(str(value)))}"'
+        f" {_name(key)}" if value is True else f' {_name(key)}="{escape(visible(str(value)))}"'
         for key, value in attributes.items()
         if value is not None and value is not False
     )
     if name in ("img", "meta", "link"):
         return Html(f"<{name}{written}>")
     return Html(f"<{name}{written}>{join(*children)}</{name}>")
-
-
-def plain(text: str) -> str:
-    """Text that can be written, and in which every character can be seen."""
-    return text.translate(_SIGNS)
 
 
 def embedded(data: Any, name: str) -> Html:

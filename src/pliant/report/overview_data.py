@@ -15,11 +15,11 @@ from pliant.experiment.measures import Row, inserted
 from pliant.levels import FIELDS, shipped_levels
 from pliant.pose import Axis
 from pliant.report import words
-from pliant.report.html import plain
 from pliant.report.summary import Names, Summary
 from pliant.report.trial import PAGE
 from pliant.store import TRIALS as FOLDER
 from pliant.task import load_task, shipped_pegs
+from pliant.text import visible
 
 _NAMES = ("level", "peg", "condition", "reasoner")
 _DRAWN = "drawn_"
@@ -86,13 +86,13 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
     return {
         "cells": [
             {
-                **dict(zip(_NAMES, map(plain, names), strict=True)),
-                "model": plain(models[names] or ""),
-                "command": plain(command(names, summary.cells.get(names))),
+                **dict(zip(_NAMES, map(visible, names), strict=True)),
+                "model": visible(models[names] or ""),
+                "command": visible(command(names, summary.cells.get(names))),
             }
             for names in cells
         ],
-        "ends": [plain(end) for end in ends],
+        "ends": [visible(end) for end in ends],
         "kinds": [kind.replace("_", " ") for kind in kinds],
         "kindNames": kinds,
         "quantities": {name: heading(name) for name in varying(trials)},

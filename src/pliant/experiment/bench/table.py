@@ -3,12 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pliant.text import escaped
+
 Document = Mapping[str, Any]
 _NONE = "–"
 
 
 def markdown(document: Document) -> str:
     """All tables of a document of `run`."""
+    document = escaped(document)
     n, of = document["cases"]["n"], document["cases"]["of"]
     part = "" if n == of else f", the first {n}"
     sections = [
