@@ -52,10 +52,9 @@ def main() -> None:
         complain(f"pliant: {shortened(str(error))}")
         sys.exit(2)
     except UnicodeEncodeError as error:  # the streams replace, so it is a file's name
-        print(
+        complain(
             f"pliant: a file's name has {error.object[error.start : error.end]!r}, which the"
-            f" locale's encoding, {error.encoding}, lacks: set PYTHONUTF8=1",
-            file=sys.stderr,
+            f" locale's encoding, {error.encoding}, lacks: set PYTHONUTF8=1"
         )
         sys.exit(2)
     except BrokenPipeError:  # whoever reads, such as head, has seen enough
