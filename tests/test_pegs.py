@@ -53,6 +53,8 @@ def refused(outline: Outline, hole: Hole | None = None) -> str:
         (tuple((4.95 * x, y) for x, y in SQUARE), "101 mm wide; the block leaves room for 100 mm"),
         (tuple((x, y + 0.002) for x, y in SQUARE), "add -2 mm to every y"),
         (((math.nan, 0.0), *SQUARE[1:]), "counter-clockwise"),
+        ((*SQUARE, SQUARE[0]), "corner (-10, -10) mm is given twice in a row; give it once"),
+        (tuple((math.cos(n / 32), math.sin(n / 32)) for n in range(201)), "at most 200"),
     ],
 )
 def test_an_outline_that_cannot_be_used_says_why_in_one_line(outline: Outline, says: str) -> None:
@@ -64,6 +66,18 @@ def test_a_slot_that_the_holes_clearance_closes_is_refused() -> None:
     outline = (*SQUARE[:2], *slot, *SQUARE[2:])
     assert "closes at the edge from (6, -0.3) to (6, 0.3) mm" in refused(outline)
     Task(peg=Peg(name="mine", outline=outline), hole=Hole(clearance=0.0002))
+
+
+@pytest.mark.parametrize("half", [0.001, 0.005, 0.02, 0.04])
+def test_a_peg_too_short_to_go_in_before_the_fingers_reach_the_board_is_refused(
+    half: float,
+) -> None:
+    peg = Peg(name="mine", outline=tuple((x, half / 0.01 * y) for x, y in SQUARE), length=0.0785)
+    with pytest.raises(InputError, match=r"36 mm before the fingers .* at least 79 mm"):
+        Task(peg=peg, depth=0.036)
+    robot = SimCell().prepare(Task(peg=peg, depth=0.035), Setup(seed=0))
+    stand_peg(robot, tip_y=0.0, tip_z=-0.035, lean=0.0)
+    assert robot.data.ncon == 0
 
 
 # --- what a camera sees --------------------------------------------------------------------------

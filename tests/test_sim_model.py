@@ -212,11 +212,11 @@ def test_a_circles_hole_is_a_twelve_gon_around_it_with_flats_at_plus_and_minus_y
 
 
 SHAPES = st.one_of(
-    st.builds(lambda r: Peg(name="disc", radius=r), st.floats(0.002, 0.045)),
+    st.builds(lambda r: Peg(name="disc", radius=r), st.floats(0.002, 0.0425)),
     st.builds(
         lambda x, y: Peg(name="box", outline=((-x, -y), (x, -y), (x, y), (-x, y))),
         st.floats(0.002, 0.045),
-        st.floats(0.002, 0.045),
+        st.floats(0.002, 0.0425),
     ),
     st.just(HEXAGON),
 )

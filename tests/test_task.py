@@ -109,9 +109,12 @@ def test_a_missing_peg_file_is_named() -> None:
     ("text", "says"),
     [
         ("shape: circle\ndiameter_mm: 40\nclearance_mm: -1", "line 3: hole clearance -1 mm"),
-        ("shape: circle\ndiameter_mm: 40\nclearance_mm: 0", "clearance 0 mm"),
+        ("shape: circle\ndiameter_mm: 40\nclearance_mm: 0", "clearance 0 mm: it must be 0.1 to"),
+        ("shape: circle\ndiameter_mm: 40\nclearance_mm: 0.09", "clearance 0.09 mm"),
         ("shape: circle\ndiameter_mm: 40\nchamfer_mm: -1", "line 3: hole chamfer -1 mm"),
-        ("shape: circle\ndiameter_mm: 100", "102 mm wide; the block leaves room for 100 mm"),
+        ("shape: circle\ndiameter_mm: 86", "radius 43 mm; it must be 1 to 42.5 mm"),
+        ("shape: rectangle\nsize_x_mm: 100\nsize_y_mm: 40", "102 mm wide; the block leaves room"),
+        ("shape: rectangle\nsize_x_mm: 40\nsize_y_mm: 86", "it must be 2 to 85 mm, which the"),
         ("shape: rectangle\nsize_x_mm: 20\nsize_y_mm: 130", "130 mm along y"),
         (
             "shape: circle\ndiameter_mm: -40",
@@ -205,8 +208,8 @@ def test_a_wrist_without_stiffness_is_refused(value: float) -> None:
 
 
 def test_a_chamfer_that_reaches_the_blocks_edge_is_refused() -> None:
-    peg = Peg(name="wide", radius=0.048)
-    assert "wide" in refused(lambda: Task(peg=peg, hole=Hole(chamfer=0.005)))
+    peg = Peg(name="wide", radius=0.042)
+    assert "106 mm wide" in refused(lambda: Task(peg=peg, hole=Hole(chamfer=0.010)))
 
 
 # --- what a trial draws ------------------------------------------------------------------------

@@ -22,6 +22,11 @@ BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block w
 _CENTRED_MM = 0.05  # of a peg's middle along y from its axis
 LENGTHS_MM = (60, 200)  # of a peg, from the shortest to the longest
 _LEAST_DISTANCE = 0.0005  # [m] of a peg's faces from its axis
+_LEAST_EDGE = 1e-6  # [m]: corners closer than that are one
+_MOST_CORNERS = 200  # each is a piece of the simulated board
+_WIDEST = (0.1, 0.085)  # x, y [m] of a peg: the fingers, which close along y, open 85 mm
+_FINGERS_BELOW_GRASP = 0.038  # [m] at most, however wide the peg is
+_LEAST_CLEARANCE = 0.0001  # [m]: simulated contacts give way by up to a tenth of a millimetre
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +50,10 @@ class Peg:
     def __post_init__(self) -> None:
         if (self.radius is None) == (not self.outline):
             raise InputError(f"peg '{self.name}': give either a radius or an outline")
-        if self.radius is not None and not 0.001 <= self.radius <= 0.05:
+        if self.radius is not None and not 0.001 <= self.radius <= _WIDEST[1] / 2:
             raise InputError(
-                f"peg '{self.name}': radius {self.radius * 1e3:g} mm; it must be 1 to 50 mm"
+                f"peg '{self.name}': radius {self.radius * 1e3:g} mm; it must be 1 to"
+                f" {_WIDEST[1] / 2 * 1e3:g} mm, which the fingers open to"
             )
         if not LENGTHS_MM[0] * 1e-3 <= self.length <= LENGTHS_MM[1] * 1e-3:
             raise InputError(
@@ -56,10 +62,12 @@ class Peg:
             )
         if self.outline and (fault := _fault(self.outline)):
             raise InputError(f"peg '{self.name}': {fault}")
-        for axis, half in zip("xy", self.half_extents, strict=True):
-            if not 0.001 <= half <= 0.05:
+        for axis, half, most in zip("xy", self.half_extents, _WIDEST, strict=True):
+            if not 0.002 <= 2 * half <= most:
+                fingers = ", which the fingers open to" if axis == "y" else ""
                 raise InputError(
-                    f"peg '{self.name}': {2e3 * half:g} mm along {axis}; it must be 2 to 100 mm"
+                    f"peg '{self.name}': {2e3 * half:g} mm along {axis}; it must be 2 to"
+                    f" {1e3 * most:g} mm{fingers}"
                 )
         if self.outline:
             ys = [1e3 * y for _, y in self.outline]
@@ -146,10 +154,11 @@ class Hole:
     chamfer: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.clearance <= 0.02:
+        if not _LEAST_CLEARANCE <= self.clearance <= 0.02:
             raise InputError(
-                f"hole clearance {self.clearance * 1e3:g} mm: it must be above 0 and at most 20 mm,"
-                " the hole being wider than the peg"
+                f"hole clearance {self.clearance * 1e3:g} mm: it must be"
+                f" {_LEAST_CLEARANCE * 1e3:g} to 20 mm, the hole being wider than the peg by more"
+                " than simulated contacts give way"
             )
         if not 0.0 <= self.chamfer <= 0.01:
             raise InputError(f"hole chamfer {self.chamfer * 1e3:g} mm: it must be 0 to 10 mm")
@@ -193,7 +202,7 @@ class Task:
     """The nominal task: what a method may know before it starts.
 
     Raises:
-        InputError: the hole is too wide for the block.
+        InputError: the hole is too wide for the block, or the peg too short for the depth.
     """
 
     peg: Peg
@@ -206,6 +215,13 @@ class Task:
     peg_top_above_grasp: float = 0.005
 
     def __post_init__(self) -> None:
+        least = self.depth + _FINGERS_BELOW_GRASP + self.peg_top_above_grasp
+        if self.peg.length < least:
+            raise InputError(
+                f"peg '{self.peg.name}': length {self.peg.length * 1e3:g} mm; to go in by"
+                f" {self.depth * 1e3:g} mm before the fingers reach the board it must be at least"
+                f" {least * 1e3:g} mm"
+            )
         margin = self.hole.clearance / 2 + self.hole.chamfer
         grown = self.peg.grown(margin)
         if grown and (closed := _reversed_edge(self.peg.outline, grown)):
@@ -346,10 +362,14 @@ def _fault(outline: Outline) -> str | None:
     """Why corners are no outline around the origin; None: they are one."""
     if len(outline) < 3:
         return f"an outline of {len(outline)} corners; it must have at least 3"
+    if len(outline) > _MOST_CORNERS:
+        return f"an outline of {len(outline)} corners; it must have at most {_MOST_CORNERS}"
     turning = 0.0
     for i, (x, y) in enumerate(outline):
         nx, ny = outline[(i + 1) % len(outline)]
         cross = x * ny - y * nx
+        if math.hypot(nx - x, ny - y) < _LEAST_EDGE:
+            return f"its corner {_spoken(x, y)} mm is given twice in a row; give it once"
         if not cross >= _LEAST_DISTANCE * math.hypot(nx - x, ny - y) > 0:
             return (
                 f"its edge from {_spoken(x, y)} to {_spoken(nx, ny)} mm does not go"

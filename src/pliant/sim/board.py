@@ -14,7 +14,8 @@ from pliant.task import BLOCK_SIZE, Hole, Peg
 Polygon = NDArray[np.float64]  # (n, 2) [m], counter-clockwise around (0, 0)
 Corners = NDArray[np.float64]  # (n, 3) [m]
 
-_STRAIGHT = 1e-12  # [m2]: corners that bend less lie on a line
+_LEVEL = 1e-9  # sine of a bend: corners that bend less lie on a line
+_NO_FACE = 1e-12  # [m2] of a triangle's edges: its vertices lie on a line
 _FLAT = 1e-9  # [m]: vertices within it lie on a plane
 
 
@@ -35,25 +36,45 @@ def hole_outline(peg: Peg, hole: Hole, *, grown: float = 0.0) -> Polygon:
     return outline
 
 
-def hole_prisms(peg: Peg, hole: Hole) -> list[NDArray[np.float64]]:  # each (n, 3) [m]
+def hole_prisms(peg: Peg, hole: Hole) -> list[Corners]:
     """Vertices of the convex pieces that fill the block around the hole, top at z = 0.
 
     Piece i lies outside the hole's edge i and between the rays from the centre through that edge's
-    ends, so each is convex and none reaches into the hole.
+    ends, so each is convex and none reaches into the hole. With a chamfer it bulges beyond those
+    rays where a corner of the rim is off them. Beside a groove the hole may be there: so the
+    chamfer of a hole with inward corners is pieces of its own, on a level of their own.
     """
     inner = hole_outline(peg, hole)
     rim = hole_outline(peg, hole, grown=hole.chamfer)
-    bottom = -BLOCK_SIZE[2]
+    bottom, foot = -BLOCK_SIZE[2], -hole.chamfer
+    if hole.chamfer and len(convex_pieces(inner)) > 1:
+        slopes = [
+            np.array([*_edge(inner, foot, i), *_edge(rim, foot, i), *_edge(rim, 0.0, i)])
+            for i in range(len(inner))
+        ]
+        return [*_around(inner, bottom, foot), *slopes, *_around(rim, foot, 0.0)]
+    pieces = _around(inner, bottom, 0.0)
+    if not hole.chamfer:
+        return pieces
+    for i, piece in enumerate(pieces):
+        piece[2:4] = _edge(rim, 0.0, i)
+    return [np.insert(p, 4, _edge(inner, foot, i), axis=0) for i, p in enumerate(pieces)]
+
+
+def _around(outline: Polygon, low: float, high: float) -> list[Corners]:
+    """The block from one height to another, less an outline: a prism for each edge of it."""
     pieces = []
-    for i in range(len(inner)):
-        ends = [i, (i + 1) % len(inner)]
-        outer = _block_outline_between(inner[ends[0]], inner[ends[1]])
-        vertices = [(*inner[e], bottom) for e in ends] + [(*rim[e], 0.0) for e in ends]
-        if hole.chamfer:
-            vertices += [(*inner[e], -hole.chamfer) for e in ends]
-        vertices += [(x, y, z) for x, y in outer for z in (bottom, 0.0)]
+    for i in range(len(outline)):
+        outer = _block_outline_between(outline[i], outline[(i + 1) % len(outline)])
+        vertices = [*_edge(outline, low, i), *_edge(outline, high, i)]
+        vertices += [(x, y, z) for x, y in outer for z in (low, high)]
         pieces.append(np.array(vertices))
     return pieces
+
+
+def _edge(outline: Polygon, z: float, i: int) -> list[tuple[float, float, float]]:
+    """The ends of an outline's edge i, at a height."""
+    return [(*outline[n % len(outline)], z) for n in (i, i + 1)]
 
 
 def contains(outline: Polygon, point: Sequence[float]) -> bool:
@@ -93,7 +114,7 @@ def hull_faces(vertices: Corners) -> list[Corners]:
     a, b, c = (vertices[triples[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     sizes = np.linalg.norm(normals, axis=1)
-    keep = sizes > _STRAIGHT
+    keep = sizes > _NO_FACE
     normals, a = normals[keep] / sizes[keep, None], a[keep]
     normals, a = np.vstack([normals, -normals]), np.vstack([a, a])
     heights = normals @ vertices.T - np.sum(normals * a, axis=1, keepdims=True)
@@ -117,25 +138,25 @@ def area(polygon: Polygon) -> float:
 def convex_pieces(outline: Polygon) -> list[Polygon]:
     """A star-shaped outline as convex polygons: itself, or sectors around (0, 0), the first from an
     inward corner on, each as wide as it can be."""
-    turns = [_turn(*outline[[i - 1, i, (i + 1) % len(outline)]]) for i in range(len(outline))]
-    if min(turns) > -_STRAIGHT:
+    bends = [_bend(*outline[[i - 1, i, (i + 1) % len(outline)]]) for i in range(len(outline))]
+    if min(bends) > -_LEVEL:
         return [outline]
-    ring = np.roll(outline, -int(np.argmin(turns)), axis=0)
+    ring = np.roll(outline, -int(np.argmin(bends)), axis=0)
     center = np.zeros(2)
     pieces = [[ring[0], ring[1]]]
     for corner in [*ring[2:], ring[0]]:
         first, before, last = pieces[-1][0], pieces[-1][-2], pieces[-1][-1]
-        bends_out = len(pieces[-1]) == 2 or _turn(before, last, corner) > -_STRAIGHT
-        if bends_out and _turn(corner, center, first) > 0:
+        if _bend(before, last, corner) > -_LEVEL and _bend(corner, center, first) > 0:
             pieces[-1].append(corner)
         else:
             pieces.append([last, corner])
     return [np.array([center, *piece]) for piece in pieces]
 
 
-def _turn(a: Polygon, b: Polygon, c: Polygon) -> float:
-    """Above 0 [m2]: from a over b to c the way turns left."""
-    return float((b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]))
+def _bend(a: Polygon, b: Polygon, c: Polygon) -> float:
+    """Sine of the angle by which the way from a over b to c turns left."""
+    (ux, uy), (vx, vy) = b - a, c - b
+    return float((ux * vy - uy * vx) / (math.hypot(ux, uy) * math.hypot(vx, vy)))
 
 
 def _block_outline_between(start: Polygon, end: Polygon) -> list[tuple[float, float]]:

@@ -76,8 +76,8 @@ def build(task: Task) -> mujoco.MjModel:
     _arm(spec)
     hinge = _soft_wrist(spec, task)
     _gripper(spec, hinge, task)
-    _peg(spec, hinge, task)
-    _board(spec, task)
+    add_peg(spec, hinge, task)
+    add_board(spec, task)
     _surroundings(spec)
     add_textures(spec)
     strange.add(spec, task, PEG, BOARD)
@@ -211,7 +211,7 @@ def _gripper(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
         )
 
 
-def _peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
+def add_peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
     """The peg, fixed in the grasp at an angle that a trial sets through `body_quat`."""
     peg = task.peg
     grasp = [0.0, 0.0, -task.grasp_below_hinge]
@@ -256,7 +256,8 @@ def _is_rectangle(outline: np.ndarray) -> bool:
     return len(outline) == 4 and along and np.allclose(outline.mean(axis=0), 0.0)
 
 
-def _board(spec: mujoco.MjSpec, task: Task) -> None:
+def add_board(spec: mujoco.MjSpec, task: Task) -> None:
+    """The block with the peg's hole, its top at z = 0."""
     board = spec.worldbody.add_body(name=BOARD)
     for i, vertices in enumerate(hole_prisms(task.peg, task.hole)):
         if task.peg.radius is not None or _is_rectangle(np.array(task.peg.outline)):
