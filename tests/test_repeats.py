@@ -8,7 +8,7 @@ from stand_ins import case_after, executed, outcome_of, scene_of
 
 from pliant.cell import Stop, Truth
 from pliant.cli.run import _Teller
-from pliant.console import Console
+from pliant.console import Lasting
 from pliant.formations import Formation
 from pliant.records import Execution, Outcome
 from pliant.repeats import (
@@ -102,7 +102,7 @@ def test_another_formation_or_another_stop_is_new() -> None:
 
 
 def test_the_terminal_says_so_behind_the_verdict() -> None:
-    console = Console(file=StringIO(), width=200)
+    console = Lasting(file=StringIO(), width=200)
     teller = _Teller(console)
     truth = Truth(
         inserted=False, depth_m=0, tip=(0, 0, 0), tilt_rad=0, hole_y=0, compression_m=0, fit=False

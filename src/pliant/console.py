@@ -30,6 +30,30 @@ class Console(rich.console.Console):
             yield Segment(text if control else visible(text), style, control)
 
 
+class Lasting(Console):
+    """A console that goes quiet where it can no longer be written to, as where a pipe is closed or
+    a disk is full: what cannot be shown must not cost what is being done."""
+
+    trouble: OSError | None = None
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        try:
+            super().print(*objects, **options)
+        except OSError as error:
+            self._fall_quiet(error)
+
+    def on_broken_pipe(self) -> None:
+        self._fall_quiet(BrokenPipeError())
+
+    def check(self) -> None:
+        """Raises OSError when something could not be shown."""
+        if self.trouble is not None:
+            raise self.trouble
+
+    def _fall_quiet(self, error: OSError) -> None:
+        self.quiet, self.trouble = True, error
+
+
 def say(text: str) -> None:
     """Print to stdout what may be several lines, such as a table in Markdown."""
     print(visible(text), flush=True)

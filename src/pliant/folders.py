@@ -8,6 +8,7 @@ name that nobody knew before (`whole`).
 
 import os
 import secrets
+import shutil
 import stat
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -57,6 +58,31 @@ def _refused(path: str, is_link: bool) -> InputError:
         f"'{path}' is {what}: results are files and folders of their own, and it is not followed;"
         " remove it, or put a copy in its place"
     )
+
+
+def copy(folder: Path, target: Path) -> None:
+    """Copy a folder's content, which can be written then, into a new or empty one.
+
+    Raises:
+        InputError: something in it is a link, a pipe or a device; the target holds something; or
+            either cannot be used.
+    """
+    refuse_links(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        if any(target.iterdir()):
+            raise InputError(f"'{target}' is not empty: choose a new folder")
+        for path in sorted(folder.rglob("*")):
+            place = target / path.relative_to(folder)
+            if path.is_dir():
+                place.mkdir()
+            else:
+                shutil.copyfile(path, place, follow_symlinks=False)
+    except OSError as error:
+        raise InputError(
+            f"'{folder}' cannot be copied to '{target}': {error.filename}: {error.strerror}; choose"
+            " another folder"
+        ) from error
 
 
 def read(path: Path, most: int) -> bytes:

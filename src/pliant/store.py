@@ -16,7 +16,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
+from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import cv2
@@ -36,7 +38,7 @@ RUN, JOURNAL, TRIAL, CASE, PICTURES = (
     "case.json",
     "pictures",
 )
-TRIALS = "trials"
+TRIALS, ABORTED = "trials", "aborted"
 """The folder of a run that holds its trials' folders."""
 
 _MOST_EXECUTIONS = 200  # of a trial: five times the most that one takes
@@ -216,11 +218,12 @@ def write_jpeg(path: Path, image: NDArray[np.uint8]) -> None:
 
 
 def prepare_folder(path: Path) -> None:
-    """Make an output folder. One that pliant wrote before may be used again.
+    """Make an output folder, and see that results can be put into it. One that pliant wrote before
+    may be used again.
 
     Raises:
-        InputError: it cannot be made or named, or it holds something that pliant did not write, or
-            a link.
+        InputError: it or a folder in it cannot be made or named, or it holds something that pliant
+            did not write, or a link.
     """
     try:
         os.path.abspath(path).encode()  # noqa: PTH100, the libraries take no other names
@@ -231,6 +234,9 @@ def prepare_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
         is_ours = is_unused(path) or any((path / name).is_file() for name in (RUN, TRIAL))
+        for place in (path, path / TRIALS, path / ABORTED):
+            if place == path or place.exists():
+                TemporaryDirectory(dir=place, prefix=".tried-").cleanup()
     except OSError as error:
         raise InputError(
             f"output folder '{path}' cannot be used: {error.strerror}; choose another"
@@ -256,8 +262,51 @@ def is_unused(path: Path) -> bool:
 
 
 def kept_trials(run: Path) -> list[Path]:
-    """The folders of the trials whose records a run keeps, in the order of their names."""
-    return sorted(path.parent for path in (run / TRIALS).glob(f"*/{TRIAL}"))
+    """The folders of the trials whose records a run keeps, in the order of their names; also those
+    that cannot be looked into.
+
+    Raises:
+        InputError: their folder cannot be looked through.
+    """
+    place = run / TRIALS
+    try:
+        kept = sorted(place.iterdir()) if place.is_dir() else []
+    except OSError as error:
+        raise InputError(
+            f"'{place}' cannot be looked through: {error.strerror}; make it readable, or copy it"
+        ) from error
+    return [folder for folder in kept if _may_hold(folder / TRIAL)]
+
+
+def _may_hold(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # reading it says why
+        return True
+
+
+def set_apart(run: Path, trial_id: str) -> Path | None:
+    """Move a trial's record out of the way of the next one's, into the run's folder of trials that
+    are none; where to. None: it has no record.
+
+    Raises:
+        InputError: it cannot be moved.
+    """
+    kept = trial_folder(run, trial_id)
+    if not kept.exists():
+        return None
+    apart = free_folder(run / ABORTED, trial_id)
+    try:
+        apart.parent.mkdir(exist_ok=True)
+        kept.rename(apart)
+    except OSError as error:
+        raise InputError(f"'{kept}' cannot be moved to '{apart}': {error.strerror}") from error
+    return apart
+
+
+def free_folder(folder: Path, name: str) -> Path:
+    """The first numbered name that nothing in a folder has."""
+    return next(path for n in count(1) if not (path := folder / f"{name}-{n}").exists())
 
 
 def trial_folder(run: Path, trial_id: str) -> Path:

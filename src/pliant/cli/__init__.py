@@ -3,6 +3,8 @@
 import os
 import re
 import sys
+from contextlib import suppress
+from typing import NoReturn
 
 import tyro
 
@@ -25,8 +27,33 @@ _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist.
 
 
 def main() -> None:
-    """Exit status: 0 inserted or done, 1 not inserted or not complete, 2 wrong usage."""
+    """Exit status: 0 inserted or done; 1 not inserted, not complete, or faults among the trials; 2
+    wrong usage, something of the machine in the way, or nothing but faults."""
     replace_unshowable(sys.stdout, sys.stderr)
+    try:
+        _called()
+    except PliantError as error:
+        _leave(2, shortened(str(error)))
+    except UnicodeEncodeError as error:  # the streams replace, so it is a file's name
+        _leave(
+            2,
+            f"a file's name has {error.object[error.start : error.end]!r}, which the locale's"
+            f" encoding, {error.encoding}, lacks: set PYTHONUTF8=1",
+        )
+    except BrokenPipeError:  # whoever reads, such as head, has seen enough
+        _silence()
+        sys.exit(1)
+    except OSError as error:  # a full disk or terminal, a folder that may not be read
+        _silence()
+        what = f"'{error.filename}'" if error.filename else "the output"
+        _leave(2, f"{what} cannot be used: {error.strerror or error}")
+    except MemoryError:
+        _leave(2, "out of memory: end other programs, or raise the limit (ulimit -v)")
+    except KeyboardInterrupt as stop:
+        _leave(130, shortened(": ".join(["interrupted", *map(str, stop.args)])))
+
+
+def _called() -> None:
     try:
         current_folder()  # what is started from one that is gone fails somewhere deep
         sys.exit(
@@ -48,22 +75,20 @@ def main() -> None:
                 description=_DESCRIPTION,
             )
         )
-    except PliantError as error:
-        complain(f"pliant: {shortened(str(error))}")
-        sys.exit(2)
-    except UnicodeEncodeError as error:  # the streams replace, so it is a file's name
-        complain(
-            f"pliant: a file's name has {error.object[error.start : error.end]!r}, which the"
-            f" locale's encoding, {error.encoding}, lacks: set PYTHONUTF8=1"
-        )
-        sys.exit(2)
-    except BrokenPipeError:  # whoever reads, such as head, has seen enough
+    finally:  # what cannot be shown is found out here, and not as the program ends
+        sys.stdout.flush()
+
+
+def _leave(status: int, said: str) -> NoReturn:
+    with suppress(OSError):
+        complain(f"pliant: {said}")
+    sys.exit(status)
+
+
+def _silence() -> None:
+    """Nothing more is written to standard output, also not as the program ends."""
+    with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except KeyboardInterrupt as stop:
-        said = ": ".join(["pliant: interrupted", *map(str, stop.args)])
-        complain(shortened(said))
-        sys.exit(130)
 
 
 def _expanded(word: str) -> str:

@@ -13,9 +13,10 @@ from pliant.cli.attended import attended
 from pliant.cli.cells import where
 from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
+from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
-from pliant.experiment import plan, price, runner, tables
+from pliant.experiment import plan, price, runner
 from pliant.experiment.plan import Experiment
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
@@ -119,7 +120,7 @@ def experiment(
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
         return 1
-    text = markdown(tables.write(out))
+    text = markdown(made_of(out))
     console.print(text, highlight=False, soft_wrap=True)
     console.print(f"results: {shown(out)}", highlight=False)
     if ended.faults:

@@ -3,10 +3,14 @@
 import json as json_format
 import math
 import os
+import signal
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
+from mmap import mmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,12 +24,13 @@ from pliant.cli.attended import attended
 from pliant.cli.cells import where
 from pliant.cli.model import ModelOptions
 from pliant.cli.ranges import Ranges
-from pliant.console import Console, say
+from pliant.console import Lasting, say
 from pliant.errors import InputError
-from pliant.experiment import journal, plan, results, runner
+from pliant.experiment import faults, journal, plan, results, runner
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.plan import Experiment
 from pliant.experiment.rows import exchanges, rows_of
+from pliant.experiment.work import attempt
 from pliant.paths import located, shown
 from pliant.pose import describe
 from pliant.reasoners import vlm
@@ -35,6 +40,8 @@ from pliant.repeats import of_which, repeats
 if TYPE_CHECKING:
     from pliant.sim.cell import SimCell, Trajectory
 
+_SPARE = 1 << 28  # [bytes] that must be left: a copy has fewer threads
+_TRY_S = 120  # of a trial's first picture, however slow the machine
 _SUCCESS, _FAILURE = "#117733", "#882255"  # the paper's green and purple
 
 
@@ -109,13 +116,12 @@ def run(
     from pliant.report import trial as report
 
     folder = out or _free_folder(experiment, located("runs") / spec.trial_id)
-    teller = _Teller(Console(stderr=json, highlight=False, soft_wrap=True))
+    teller = _Teller(Lasting(stderr=json, highlight=False, soft_wrap=True))
     trajectory = None
     if is_simulated:
         trial, trajectory = _simulated(experiment, spec, folder, teller, model, live=live)
     else:
         trial = _attended(experiment, spec, folder, teller, model)
-    _store(folder, trial)
     page = store.trial_folder(folder, trial.trial_id)
     video = video and trajectory is not None
     if not json and video:
@@ -124,6 +130,9 @@ def run(
     teller.end(trial, page / report.PAGE)
     if json:
         say(json_format.dumps(rows_of(trial).trial))
+    teller.console.check()
+    if faults.is_unmeasured(trial.end_reason):
+        return 2
     return 0 if _is_done(trial) else 1
 
 
@@ -145,20 +154,23 @@ def _simulated(
 ) -> "tuple[Trial, Trajectory]":
     from pliant.sim.cell import SimCell
 
+    if _is_memory_limited():
+        _try_apart(spec)
     cell = SimCell()
-    cell.prepare(spec.task, spec.condition.draw(spec.seed)).observe()  # refuses to start blind
+    attempt(cell, spec)
     if live:
         _watch(cell)
-    runner.prepare(experiment, folder)
-    teller.begin(spec)
-    trial = perform(
-        spec,
-        cell,
-        experiment.teaching(),
-        on_execution=teller.tell,
-        record=model.record,
-        replay=model.replay,
-    )
+    with _opened(experiment, folder) as book:
+        teller.begin(spec)
+        trial = perform(
+            spec,
+            cell,
+            experiment.teaching(),
+            on_execution=teller.tell,
+            record=model.record,
+            replay=model.replay,
+        )
+        _store(folder, book, trial)
     return trial, cell.trajectory()
 
 
@@ -166,11 +178,10 @@ def _attended(
     experiment: Experiment, spec: Spec, folder: Path, teller: "_Teller", model: ModelOptions
 ) -> Trial:
     """In a real or an emulated cell, where no two trials are the same."""
-    with attended(experiment, one_trial=True) as engine:
-        runner.prepare(experiment, folder)
-        path = folder / journal.FILE
-        if path.exists() and any(journal.scan(path)):
+    with attended(experiment, one_trial=True) as engine, _opened(experiment, folder) as book:
+        if any(not entry.fault for entry in journal.scan(book.path)):
             raise InputError(f"'{folder}' holds this trial already: choose another folder (--out)")
+        store.set_apart(folder, spec.trial_id)
         teller.begin(spec)
         trial = engine.perform(
             spec,
@@ -179,7 +190,8 @@ def _attended(
             replay=model.replay,
             on_execution=teller.tell,
         )
-    assert trial is not None, "a single trial cannot be left for later"
+        assert trial is not None, "a single trial cannot be left for later"
+        _store(folder, book, trial)
     return trial
 
 
@@ -187,15 +199,57 @@ def _is_done(trial: Trial) -> bool:
     return trial.judged if trial.inserted is None else trial.inserted
 
 
-def _store(folder: Path, trial: Trial) -> None:
+@contextmanager
+def _opened(experiment: Experiment, folder: Path) -> Iterator[journal.Journal]:
+    """The run's folder and journal, made and tried before anything moves."""
+    runner.prepare(experiment, folder)
+    with journal.Journal(folder / journal.FILE) as book:
+        yield book
+
+
+def _store(folder: Path, book: journal.Journal, trial: Trial) -> None:
     """The journal and Parquet files of an experiment of one trial; simulating it again changes
-    nothing but the wall time, so the first line stays."""
+    nothing but the wall time, so the first line stays, unless nothing was measured then."""
     rows = rows_of(trial)
-    path = folder / journal.FILE
-    with journal.Journal(path) as book:
-        if not any(entry.trial_id == trial.trial_id for entry in journal.scan(path)):
-            book.append(rows)
+    before = {entry.trial_id: entry.fault for entry in journal.scan(book.path)}
+    if trial.trial_id not in before:
+        book.append(rows)
+    elif before[trial.trial_id]:
+        book.replace(rows)
     results.write_rows(folder, [rows])
+
+
+def _is_memory_limited() -> bool:
+    if sys.platform == "win32":
+        return False
+    import resource
+
+    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+
+
+def _try_apart(spec: Spec) -> None:
+    """Let a copy of this process try what the trial needs: OpenGL crashes where memory is short.
+
+    Raises:
+        InputError: the copy died of it.
+    """
+    from pliant.sim.cell import SimCell
+
+    copy = os.fork()
+    if copy == 0:
+        signal.alarm(_TRY_S)
+        with suppress(BaseException):
+            _ = mmap(-1, _SPARE)
+            attempt(SimCell(), spec)
+            os._exit(0)
+        os._exit(1)
+    _, status = os.waitpid(copy, 0)
+    if status != 0:
+        raise InputError(
+            "nothing can be simulated or drawn in so little memory (exit status"
+            f" {os.waitstatus_to_exitcode(status)} of a process that tried): raise the limit"
+            " (ulimit -v)"
+        )
 
 
 def _watch(cell: "SimCell") -> None:
@@ -210,7 +264,7 @@ def _watch(cell: "SimCell") -> None:
 class _Teller:
     """Says what happens, a line per skill, and what was thought about a failure."""
 
-    console: Console
+    console: Lasting
     told: list[Execution] = field(default_factory=list)
 
     def say(self, text: str) -> None:
@@ -263,7 +317,11 @@ class _Teller:
         during = f" during {trial.aborted.step.formation}" if trial.aborted is not None else ""
         fault = f"{during} ({trial.fault})" if trial.fault else ""
         moves = sum(len(e.outcome.motions) for e in trial.executions)
-        line = Text("inserted" if inserted else "not inserted", style="bold")
+        if faults.is_unmeasured(trial.end_reason):
+            line = Text("no result", style="bold")
+            by = f"{trial.end_reason}{during}: {trial.fault}"
+        else:
+            line = Text("inserted" if inserted else "not inserted", style="bold")
         line.append(f" ({by})", style="not bold")
         self.console.print(line)
         executions = f"{len(trial.executions)} executions{of_which(trial.executions)}"

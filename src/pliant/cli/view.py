@@ -1,5 +1,7 @@
 """`pliant view`: the pages of an experiment or a run, to open from the disk or to be served."""
 
+import os
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -7,9 +9,10 @@ from typing import Annotated
 import tyro
 from rich.text import Text
 
-from pliant import store, teaching
+from pliant import folders, store, teaching
 from pliant.console import Console, say
 from pliant.errors import InputError
+from pliant.paths import located
 
 
 def view(
@@ -17,6 +20,7 @@ def view(
     *,
     video: bool = False,
     goals: Path | None = None,
+    out: Path | None = None,
     serve: bool = False,
     port: int = 0,
 ) -> int:
@@ -27,6 +31,8 @@ def view(
         folder: the result folder of `pliant experiment` or `pliant run`, or one trial's in it.
         video: also draw the videos that are missing, about ten seconds each.
         goals: the taught goals file that the trials used, if it was not the shipped one.
+        out: put a copy of the results with its pages into this new folder, and leave the results as
+            they are; default, where they cannot be written, a temporary folder.
         serve: then serve the folder, and nothing else, to browsers on this machine; Ctrl-C ends it.
         port: of --serve; 0 takes a free one.
     """
@@ -40,8 +46,10 @@ def view(
         run = run_of(folder) if (folder / store.TRIAL).is_file() else None
         if run is not None:
             raise InputError(f"'{folder}' shares files with its run: serve '{run}' instead")
-        server = Server(folder, port)  # a port that is taken is said at once
     console = Console(stderr=True, highlight=False, soft_wrap=True)
+    folder = _place(folder, out, console)
+    if serve:
+        server = Server(folder, port)  # a port that is taken is said at once
     with console.status("reading the results") as status:
         viewed = make(
             folder,
@@ -65,3 +73,23 @@ def view(
             console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
             server.run()
     return 1 if viewed.problems else 0
+
+
+def _place(folder: Path, out: Path | None, console: Console) -> Path:
+    """Where the pages go: beside the results, or beside a copy of them where these are not to be
+    touched, or cannot be.
+
+    Raises:
+        InputError: the copy cannot be made.
+    """
+    if out is not None:
+        copy = located(out)
+    elif not folder.is_dir() or os.access(folder, os.W_OK):
+        return folder
+    else:
+        copy = Path(tempfile.mkdtemp(prefix="pliant-")) / folder.resolve().name
+        console.print(
+            Text(f"'{folder}' cannot be written: the pages are made in '{copy}' (--out chooses)")
+        )
+    folders.copy(folder, copy)
+    return copy

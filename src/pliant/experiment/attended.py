@@ -130,7 +130,7 @@ class Attended:
         if trial.end_reason == INTERRUPTED:
             if not has_begun:
                 raise KeyboardInterrupt
-            kept = _free_folder(folder / "aborted", trial.trial_id)
+            kept = store.free_folder(folder / store.ABORTED, trial.trial_id)
             store.save_trial(kept, trial)
             raise KeyboardInterrupt(f"what was done of the trial is kept in '{kept}'")
         if not has_begun:
@@ -185,10 +185,3 @@ def last_picture(folder: Path, trial: Trial) -> Path:
     """The last side picture's file in a trial's folder."""
     image = trial.executions[-1].outcome.looks[-1].observation.views["side"].image
     return store.Pictures(folder / store.PICTURES).path(image)
-
-
-def _free_folder(folder: Path, name: str) -> Path:
-    n = 1
-    while (path := folder / f"{name}-{n}").exists():
-        n += 1
-    return path

@@ -85,7 +85,11 @@ TRIALS: tuple[Column, ...] = (
     _column("model", _TEXT, "the model behind the reasoner; null: none"),
     _column("seed", _WHOLE, "the seed that drew the setup: equal across pegs and reasoners"),
     _column("judged", _YES_NO, "the paper's F: the verdict on Insertion was success"),
-    _column("inserted", _YES_NO, "the paper's G: 10 mm deep inside the hole; null: not known"),
+    _column(
+        "inserted",
+        _YES_NO,
+        "the paper's G: 10 mm deep inside the hole; null: not known, or not measured",
+    ),
     _column("depth_m", _NUMBER, "final depth of the bottom face's centre below the board", "m"),
     _column(
         "end_reason", _TEXT, "inserted, exhausted, cap, stopped, refused, finished, `fault:KIND`"

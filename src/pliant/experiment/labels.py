@@ -32,6 +32,7 @@ def label(folder: Path, ask: Ask) -> tuple[int, int]:
             kept
             for entry in journal.scan(path)
             if entry.inserted is None
+            and not entry.fault
             and ((kept := store.trial_folder(folder, entry.trial_id)) / store.TRIAL).is_file()
         ]
         for kept in lacking:

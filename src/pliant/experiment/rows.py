@@ -54,6 +54,7 @@ def trial_row(trial: Trial) -> Row:
     counts = {
         f: sum(e.formation is f for e in trial.executions) for f in RECOVERABLE
     }  # Approach and Contact are not recovered from
+    measured = not faults.is_unmeasured(trial.end_reason)
     return {
         "trial_id": trial.trial_id,
         "cell": trial.cell,
@@ -65,8 +66,8 @@ def trial_row(trial: Trial) -> Row:
         "model": trial.model,
         "seed": trial.seed,
         "judged": trial.judged,
-        "inserted": trial.inserted,
-        "depth_m": _number(trial.truths[-1].depth_m) if trial.truths else None,
+        "inserted": trial.inserted if measured else None,
+        "depth_m": _number(trial.truths[-1].depth_m) if trial.truths and measured else None,
         "end_reason": str(trial.end_reason),
         "fault": trial.fault or None,
         "executions": len(trial.executions),

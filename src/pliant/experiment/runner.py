@@ -135,6 +135,7 @@ def run(
                 used = engine or _engine(work, workers, ray, time_limit_s, place)
                 with closing(used):
                     begun = jobs if engine is not None else _tried(used, jobs)
+                    begun = _set_apart(begun, repeated)
                     for rows in _perform(used, begun, experiment.where.kind):
                         name, fault = rows.trial_id, ""
                         if faults.is_fault(rows.trial):
@@ -185,6 +186,14 @@ class _First:
 
 def _count(faulted: int) -> str:
     return "1 fault" if faulted == 1 else f"{faulted} faults"
+
+
+def _set_apart(jobs: Iterator[Job], repeated: set[str]) -> Iterator[Job]:
+    """The same jobs; what was kept of a trial that is repeated is moved to the run's `aborted`."""
+    for job in jobs:
+        if job.spec.trial_id in repeated:
+            store.set_apart(job.folder, job.spec.trial_id)
+        yield job
 
 
 def _tried(engine: Engine, jobs: Iterator[Job]) -> Iterator[Job]:

@@ -29,11 +29,20 @@ def write(folder: Path) -> Document:
     Raises:
         InputError: the Parquet files are missing or broken, or the folder cannot be written.
     """
-    folders.refuse_links(folder, but=(store.TRIALS,))
     document = build(folder)
+    keep(folder, document)
+    return document
+
+
+def keep(folder: Path, document: Document) -> None:
+    """Write a finished run's tables beside its data.
+
+    Raises:
+        InputError: the folder cannot be written, or holds a link.
+    """
+    folders.refuse_links(folder, but=(store.TRIALS,))
     files.write_bytes(folder / JSON_FILE, (json.dumps(document, indent=1) + "\n").encode())
     files.write_bytes(folder / MARKDOWN_FILE, markdown(document).encode())
-    return document
 
 
 def build(folder: Path) -> Document:

