@@ -88,7 +88,7 @@ TRIALS: tuple[Column, ...] = (
     _column(
         "inserted",
         _YES_NO,
-        "the paper's G: 10 mm deep inside the hole; null: not known, or not measured",
+        "the paper's G: 10 mm deep inside the hole; null: nobody knows",
     ),
     _column("depth_m", _NUMBER, "final depth of the bottom face's centre below the board", "m"),
     _column(
