@@ -18,8 +18,8 @@ from view_folders import experiment as shown_experiment
 
 from pliant import cli, files, store
 from pliant.cli.tables import tables
-from pliant.cli.terminal import Lasting
 from pliant.cli.view import view
+from pliant.console import Lasting
 from pliant.errors import InputError
 from pliant.experiment import journal, results
 
