@@ -257,6 +257,33 @@ def test_ctrl_c_at_the_terminal_leaves_what_was_done_and_an_arm_at_rest(
     assert_at_rest(emulator)
 
 
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
+@pytest.mark.parametrize("ask", [os.killpg, os.kill])
+def test_who_asks_a_trial_to_end_gets_a_halt_by_the_driver_and_the_record(
+    emulator: Admin, tmp_path: Path, name: str, ask: Callable[[int, int], None]
+) -> None:
+    emulator.ask("restore")
+    file, out = tmp_path / "cell.yaml", tmp_path / "out"
+    save(file, cell_at(HOST))
+    pliant = Path(sys.executable).parent / "pliant"
+    endless = ["--condition", "none", "--hole-y-mm", "20", "20", "--reasoner", "retry"]
+    command: list[str | Path] = [pliant, "run", "--cell", file, "--out", out, *endless]
+    trial = subprocess.Popen(
+        command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    number = getattr(signal, name)
+    with when_moving(HOST, lambda admin: ask(trial.pid, number)) as happened:
+        said, _ = trial.communicate(timeout=6 * HANGING_S)  # with its start
+    assert trial.returncode == 128 + number, said
+    assert emulator.ask("state")["time_s"] - happened[0] < SEEN_WITHIN_S
+    assert_at_rest(emulator)
+    (kept,) = (out / "aborted").iterdir()
+    assert str(kept) in said
+    assert load_trial(kept).end_reason == "fault:interrupted"
+    with pytest.raises(ProcessLookupError):
+        os.killpg(trial.pid, 0)  # nobody is left of them
+
+
 def test_a_trials_process_that_is_killed_leaves_the_arm_at_rest(
     emulator: Admin, tmp_path: Path
 ) -> None:

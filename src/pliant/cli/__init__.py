@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import tyro
 
+from pliant import signals
 from pliant.cli.bench_reasoner import bench_reasoner
 from pliant.cli.calibrate import calibrate
 from pliant.cli.check_cell import check_cell
@@ -28,7 +29,9 @@ _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist.
 
 def main() -> None:
     """Exit status: 0 inserted or done; 1 not inserted, not complete, or faults among the trials; 2
-    wrong usage, something of the machine in the way, or nothing but faults."""
+    wrong usage, something of the machine in the way, or nothing but faults; where a signal ended
+    it, that of the signal: 130 for Ctrl-C."""
+    signals.heed()
     replace_unshowable(sys.stdout, sys.stderr)
     try:
         _called()
@@ -50,7 +53,7 @@ def main() -> None:
     except MemoryError:
         _leave(2, "out of memory: end other programs, or raise the limit (ulimit -v)")
     except KeyboardInterrupt as stop:
-        _leave(130, shortened(": ".join(["interrupted", *map(str, stop.args)])))
+        _leave(signals.exit_status(), shortened(": ".join(["interrupted", *map(str, stop.args)])))
 
 
 def _called() -> None:

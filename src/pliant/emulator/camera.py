@@ -9,14 +9,10 @@ A frame's header `X-Robot-Time` is the controller's time stamp [s] of what it sh
 
 import json
 import multiprocessing
-import os
-import signal
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from multiprocessing import parent_process
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Self
 
@@ -24,6 +20,7 @@ import cv2
 import mujoco
 from pydantic import TypeAdapter
 
+from pliant import signals
 from pliant.cell import Camera
 from pliant.emulator.block import Block, CameraFault, State
 from pliant.errors import InputError
@@ -210,8 +207,7 @@ def _serve(host: str, port: int, block_name: str, ready: Connection) -> None:
 
     `ready` gets an empty text once the first frame has been drawn, or what went wrong.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    threading.Thread(target=_die_with_parent, daemon=True).start()
+    signals.work_for_parent()
     block = Block(block_name)
     try:
         server = _Server((host, port), block)
@@ -221,13 +217,6 @@ def _serve(host: str, port: int, block_name: str, ready: Connection) -> None:
         return
     ready.send("")
     server.serve_forever()
-
-
-def _die_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(0)
 
 
 def described(cameras: bytes) -> list[Camera]:

@@ -280,7 +280,7 @@ class Emulator:
             InputError: a port is taken, or there is no OpenGL.
         """
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             loop.add_signal_handler(number, self.stop)
         await self._open()
         await asyncio.to_thread(camera.wait)

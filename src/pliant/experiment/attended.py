@@ -1,17 +1,12 @@
 """Trials one after the other, in this process: in a real cell, whose trials need a person, or in an
 emulated one."""
 
-import signal
-import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import Protocol
 
-from pliant import store
+from pliant import signals, store
 from pliant.cell import Truth, Workcell
 from pliant.errors import InputError, described
 from pliant.experiment import faults
@@ -101,7 +96,7 @@ class Attended:
             KeyboardInterrupt: the person stopped; it says where the trial is kept, if it had begun.
             InputError: the cell cannot be prepared, or the record cannot be written.
         """
-        with _ctrl_c_once():
+        with signals.once(_ONCE_S):
             return self._perform(spec, folder, record, replay, on_execution)
 
     def _perform(
@@ -148,29 +143,6 @@ class Attended:
         named = labelled(trial, self._attendant.label(trial, last_picture(folder, trial)))
         store.save_trial(folder, named)
         return named
-
-
-@contextmanager
-def _ctrl_c_once() -> Iterator[None]:
-    """Who presses Ctrl-C again, while the arm is halted and the trial is written, must not stop
-    that."""
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield
-        return
-    pressed_s = -_ONCE_S
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal pressed_s
-        if (now := time.monotonic()) - pressed_s >= _ONCE_S:
-            pressed_s = now
-            before(number, frame)
-
-    signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def labelled(trial: Trial, inserted: bool | None) -> Trial:

@@ -5,9 +5,7 @@ trial, so a death or a time-out costs that trial alone and names it.
 """
 
 import multiprocessing as mp
-import os
 import signal
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -15,6 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
+from pliant import signals
 from pliant.errors import InputError, described
 from pliant.experiment import faults
 from pliant.experiment.rows import Rows
@@ -193,19 +192,10 @@ class _Worker:
 
 def _serve(connection: Connection, work: Work) -> None:
     """A worker's life: it ends when the driver closes the pipe, or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's to answer
-    threading.Thread(target=_end_with_driver, daemon=True).start()
+    signals.work_for_parent()
     try:
         connection.send(("ready", None))
         while True:
             connection.send(answer(work, connection.recv()))
     except (EOFError, OSError):
         return
-
-
-def _end_with_driver() -> None:
-    """A worker that outlived its driver could write beside the next one's."""
-    parent = mp.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)

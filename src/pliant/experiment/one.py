@@ -6,6 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from pliant import signals
 from pliant.belief import MEMORY, hang_share, sag_m
 from pliant.cell import Robot, Truth, Workcell
 from pliant.conditions import Condition, Setup
@@ -89,8 +90,8 @@ def perform(
     it as the fault "reasoner", with what was done until then. A VLM's conversations are kept in the
     file `record`, or answered from the file `replay`.
 
-    Ctrl-C ends a trial in a real or an emulated cell as the fault "interrupted", whatever was going
-    on; a simulated one, which can be repeated exactly, is left.
+    Ctrl-C or its like (`pliant.signals`) ends a trial in a real or an emulated cell as the fault
+    "interrupted", whatever was going on; a simulated one, which can be repeated exactly, is left.
 
     Raises:
         InputError: the reasoner cannot be made, or a recording cannot be used.
@@ -122,7 +123,8 @@ def perform(
         except KeyboardInterrupt:
             if cell.kind == "sim":
                 raise
-            run.end_reason, run.fault = INTERRUPTED, "interrupted by Ctrl-C; the arm is halted"
+            run.end_reason = INTERRUPTED
+            run.fault = str(signals.interrupted())
         history, simulated_s = run.history, run.clock_s
         end_reason, why, aborted = run.end_reason, run.fault, run.aborted
     return Trial(

@@ -20,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from pliant import signals
 from pliant.errors import InputError, unknown
 from pliant.experiment.columns import EXECUTIONS, TRIALS, schema
 from pliant.experiment.rows import Row
@@ -99,9 +100,16 @@ def _made(jobs: Sequence[Job], workers: int) -> Iterator[Episode]:
         yield from map(episode, jobs)
         return
     spawn = multiprocessing.get_context("spawn")  # OpenGL does not outlive a fork
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=spawn) as pool:
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(
+        min(workers, len(jobs)), mp_context=spawn, initializer=signals.work_for_parent
+    ) as pool:
         try:
             yield from pool.map(episode, jobs)
+        except KeyboardInterrupt:
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.kill()  # what it draws is not wanted any more
+            raise
         except BrokenProcessPool as error:
             raise InputError(
                 "a worker process died while it drew a trial: try again with --workers 1"

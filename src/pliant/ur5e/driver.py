@@ -1,9 +1,11 @@
 """The trial's end of the driver: it asks, it waits no longer than it must, and it stops the arm by
 itself when the driver does not answer."""
 
+import atexit
 import multiprocessing
 import time
 
+from pliant import signals
 from pliant.errors import InputError, RobotFault
 from pliant.ur5e import dashboard
 from pliant.ur5e import messages as m
@@ -27,6 +29,8 @@ class Driver:
         self._process.start()
         theirs.close()
         self.fault: RobotFault | None = None
+        # It ignores the signal by which Python would end it, and would be waited for without end.
+        atexit.register(self.close)
 
     @property
     def is_usable(self) -> bool:
@@ -45,7 +49,7 @@ class Driver:
         """Have a request done.
 
         Raises:
-            RobotFault: the arm or its driver cannot go on; or "interrupted", by Ctrl-C.
+            RobotFault: the arm or its driver cannot go on; or "interrupted", by Ctrl-C or its like.
         """
         return self._ask(request, self._silence_s)
 
@@ -117,7 +121,7 @@ class Driver:
 
     def _interrupted(self) -> RobotFault:
         try:
-            self._pipe.send(m.Halt(why="Ctrl-C"))
+            self._pipe.send(m.Halt(why=signals.cause()))
             give_up = time.monotonic() + self._silence_s
             while time.monotonic() < give_up:
                 self._hear_fault(0.01)
@@ -128,10 +132,11 @@ class Driver:
         else:
             dashboard.stop(self._address, self._dashboard_s)
         self._end()
-        self.fault = RobotFault("interrupted", "interrupted by Ctrl-C; the arm is halted")
+        self.fault = signals.interrupted()
         return self.fault
 
     def _end(self) -> None:
+        atexit.unregister(self.close)
         if self._process.is_alive():
             self._process.kill()  # SIGTERM would run destructors that hang
             self._process.join(_ENDING_S)

@@ -8,12 +8,12 @@ cut, uploads its program again and again until it crashes.
 import contextlib
 import math
 import os
-import signal
 import time
 from multiprocessing.connection import Connection
 
 import numpy as np
 
+from pliant import signals
 from pliant.errors import InputError, RobotFault
 from pliant.pose import Axis, Pose, pose_from
 from pliant.ur5e import dashboard
@@ -39,7 +39,7 @@ _HEARS = (  # faults after which it does
 
 def serve(pipe: Connection, configuration: Configuration) -> None:
     """Do requests until the other side says goodbye or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the trial, which halts the arm
+    signals.ignore()  # they are for the trial, which has the arm halted here
     driver = _Driver(pipe, configuration)
     _say(pipe, m.Alive())  # Python and the libraries have taken their time
     try:

@@ -5,6 +5,7 @@ from functools import partial
 from types import TracebackType
 from typing import Self, TypeVar
 
+from pliant import signals
 from pliant.cell import Motion, Observation, Stop, Trace, View
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
@@ -41,7 +42,7 @@ class UrRobot:
         """Halts. Ctrl-C while nothing was asked of the robot is the trial's end as well."""
         self.halt()
         if kind is KeyboardInterrupt:
-            raise RobotFault("interrupted", "interrupted by Ctrl-C; the arm is halted") from error
+            raise signals.interrupted() from error
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
         """Straight, at most as fast as the configuration allows where the peg may touch.
@@ -160,9 +161,7 @@ class UrRobot:
             raise self._kept(fault) from fault.__cause__
         except KeyboardInterrupt as error:
             self.halt()
-            raise self._kept(
-                RobotFault("interrupted", "interrupted by Ctrl-C; the arm is halted")
-            ) from error
+            raise self._kept(signals.interrupted()) from error
 
     def _kept(self, fault: RobotFault) -> RobotFault:
         self._fault = fault
