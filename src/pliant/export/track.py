@@ -29,7 +29,7 @@ class Track:
 
     trajectory: Trajectory  # resampled: (n,) times, (n, nq) joint positions
     pose: NDArray[np.float64]  # (n, 6) measured
-    compression_m: NDArray[np.float64]  # (n,) from free hang
+    compression_m: NDArray[np.float64]  # (n,) from free hang, as it was read
     command: NDArray[np.float64]  # (n, 6)
     execution: NDArray[np.int64]  # (n,)
 
@@ -57,10 +57,29 @@ def track(trial: Trial, trajectory: Trajectory, fps: int) -> Track:
     return Track(
         trajectory=replace(trajectory, time_s=time_s, qpos=qpos.astype(np.float32)),
         pose=pose,
-        compression_m=qpos[:, slide] - stored[0, slide],
+        compression_m=_read(trial, time_s, qpos[:, slide] - stored[0, slide]),
         command=_commands(trial, time_s, pose[0]),
         execution=execution.astype(np.int64),
     )
+
+
+def _read(
+    trial: Trial, time_s: NDArray[np.float64], pressed: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The wrist's compression as the robot read it [m]: `pressed`, which is true, unless the
+    trial's sensor was not; then what the trial recorded of it, with lines between."""
+    if not any(trial.drawn.get(name) for name in ("compression_noise", "compression_dead")):
+        return pressed
+    readings = [
+        (trace.time_s, trace.compression_m)
+        for e in trial.executions
+        for trace in (motion.trace for motion in e.outcome.motions)
+    ]
+    looks = [look.observation for e in trial.executions for look in e.outcome.looks]
+    times = np.concatenate([*(t for t, _ in readings), [look.time_s for look in looks]])
+    values = np.concatenate([*(v for _, v in readings), [look.compression_m for look in looks]])
+    order = np.argsort(times, kind="stable")
+    return np.interp(time_s, times[order], values[order])
 
 
 @lru_cache(maxsize=4)

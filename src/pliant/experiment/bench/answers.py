@@ -32,7 +32,8 @@ CHANGE_M = 0.001
 class Answer:
     """The right verdict and, after a failure, the right steps from the first that changes
     something. No steps after a failure: none of the three formations that a plan may hold mends
-    it, and no reasoner is asked to, unless it is right to `stop` and say so.
+    it, and no reasoner is asked to, unless it is right to `stop` and say so, or to `go_on` with a
+    plan of which no more is scored than that there is one.
 
     `goals_m` are the least and the greatest goal [m] of the first step that reach its formation
     from here, found by trying them in the simulator.
@@ -42,6 +43,12 @@ class Answer:
     steps: tuple[Step, ...] = ()
     goals_m: tuple[float, float] | None = None
     stop: bool = False
+    go_on: bool = False
+
+    @property
+    def asks(self) -> bool:
+        """Whether a reasoner is asked to recover."""
+        return bool(self.steps) or self.stop or self.go_on
 
 
 def answer(case: Case, truth: Truth, setup: Setup) -> Answer | None:

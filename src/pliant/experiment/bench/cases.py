@@ -5,7 +5,7 @@ A set is one zip archive of plain text and pictures:
     cases.jsonl         a case per line, without its goal pictures
     answers.jsonl       as many lines: what was right, and the truth it follows from
     teaching.json       the goal pictures and their measurements, once
-    pictures/*.webp     lossless, each named by the hash of its pixels
+    pictures/*.webp     each named by the hash of its pixels; lossless, or as a camera sent it
 
 Cases are thinned: of the pictures only those after the execution in question are kept, and of a
 motion's trace the first and the last sample.
@@ -16,7 +16,7 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache, cached_property
@@ -60,7 +60,8 @@ class Kind(StrEnum):
     NEARLY = "nearly"  # an insertion that ended close to the criterion's depth, on either side
     STALE = "stale"  # the picture and its measurement are those of an earlier execution
     MESSAGE = "message"  # Table I's message was exchanged for another of its messages
-    STRANGE = "strange"  # something is not as the task says: the right answer is to stop
+    STRANGE = "strange"  # something is not as the task says, and it is right to stop
+    SOUND = "sound"  # beside those: the guided skills where the peg did go in at last
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +73,7 @@ class Origin:
     seed: int
     reasoner: str
     index: int
+    level: str = "L0"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +158,11 @@ class Cases:
                     f"'{self.path}' is not a whole case set: {error.args[0]}; {_WHENCE}"
                 ) from error
 
+    def pictures(self) -> dict[str, bytes]:
+        """The pictures as they are stored, by the hashes of their pixels."""
+        with _opened(self.path) as archive:
+            return {Path(n).stem: archive.read(n) for n in archive.namelist() if n[-5:] == ".webp"}
+
     def _teaching(self, pictures: "_Pictures") -> Teaching:
         where = f"'{self.path}' {_TEACHING}"
         document = _record(self._texts[_TEACHING], where)
@@ -165,8 +172,12 @@ class Cases:
         return _valid(Teaching, document.get("teaching"), where, pictures)
 
 
-def write(path: Path, questions: Iterable[Question]) -> None:
-    """Write a set, whole or not at all. All its cases share their goal pictures.
+def write(
+    path: Path, questions: Iterable[Question], *, encoded: Mapping[str, bytes] | None = None
+) -> None:
+    """Write a set, whole or not at all. All its cases share their goal pictures. `encoded` holds
+    the WebP files of pictures that are stored as they came, by the hashes of their pixels; the
+    others are written without loss.
 
     Raises:
         InputError: it cannot be written.
@@ -174,7 +185,7 @@ def write(path: Path, questions: Iterable[Question]) -> None:
     questions = list(questions)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        pictures = _Pictures(archive)
+        pictures = _Pictures(archive, encoded or {})
         cases, answers = [], []
         for question in questions:
             case = thinned(question.case)
@@ -227,14 +238,13 @@ class _Pictures:
     it is read."""
 
     archive: zipfile.ZipFile
+    encoded: Mapping[str, bytes] = field(default_factory=dict)
 
     def save(self, image: NDArray[np.uint8]) -> str:
         name = picture_name(image)
         member = f"pictures/{name}.webp"
         if member not in self.archive.NameToInfo:
-            done, webp = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _LOSSLESS)
-            assert done, "OpenCV encodes any 8-bit picture"
-            _add(self.archive, member, webp.tobytes())
+            _add(self.archive, member, self.encoded.get(name) or _webp(image))
         return name
 
     def load(self, name: object) -> NDArray[np.uint8]:
@@ -250,6 +260,12 @@ class _Pictures:
         if picture_name(image) != name:
             raise ValueError(f"the picture {name}.webp is not the one that was stored")
         return image
+
+
+def _webp(image: NDArray[np.uint8]) -> bytes:
+    done, webp = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _LOSSLESS)
+    assert done, "OpenCV encodes any 8-bit picture"
+    return webp.tobytes()
 
 
 def _opened(path: Path) -> zipfile.ZipFile:
@@ -274,8 +290,8 @@ def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
 def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     info = zipfile.ZipInfo(name, date_time=_EPOCH)
     is_packed = name.endswith(".webp")
-    info.compress_type = zipfile.ZIP_STORED if is_packed else zipfile.ZIP_DEFLATED
-    archive.writestr(info, content, compresslevel=9)
+    info.compress_type = zipfile.ZIP_STORED if is_packed else zipfile.ZIP_LZMA
+    archive.writestr(info, content)
 
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)

@@ -76,7 +76,7 @@ def _put(question: Question, mind: Reasoner) -> Mark:
     own = [not verdict.fallback]
     asked = [verdict.exchanges]
     plan = stopped = None
-    if key.answer.steps or key.answer.stop:
+    if key.answer.asks:
         failed = _failure(case) if verdict.success else verdict
         recovery = mind.recover(case, failed)
         plan = _marked(recovery, case, key.answer) if key.answer.steps else None

@@ -48,7 +48,7 @@ def group(marks: Sequence[Mark]) -> Scores:
         "reaches": rate(p.reaches for p in plans),
         "toward_mm": _toward(plans),
         "stops": rate(m.stopped for m in marks if m.stop),
-        "stops_needlessly": rate(m.stopped for m in marks if m.plan is not None),
+        "stops_needlessly": rate(m.stopped for m in marks if m.stopped is not None and not m.stop),
         "own": rate(own for m in marks for own in m.own),
         **_spent([exchanges for m in marks for exchanges in m.decisions]),
     }

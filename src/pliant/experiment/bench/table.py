@@ -66,7 +66,7 @@ def stopping(document: Document) -> str:
         for name, s in document["reasoners"].items()
         if s["all"].get("stops", {}).get("n")
     ]
-    header = ["reasoner", "stops where no motion helps [%]", "stops where a plan would help [%]"]
+    header = ["reasoner", "stops where no motion helps [%]", "stops where going on is right [%]"]
     return _table(header, rows)
 
 

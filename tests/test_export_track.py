@@ -1,0 +1,26 @@
+"""What a stored trial's motion is sampled as: what the robot read, not what was true."""
+
+import numpy as np
+from stand_ins import cell_for
+
+from pliant.conditions import Condition
+from pliant.experiment.one import Spec, perform
+from pliant.export.track import Track, track
+from pliant.task import load_task
+from pliant.teaching import shipped
+
+
+def tracked(**drawn: float) -> Track:
+    of = Condition(name="mine", ranges={name: (value, value) for name, value in drawn.items()})
+    spec = Spec(task=load_task("circle"), condition=of, seed=1, reasoner="none")
+    cell = cell_for("circle")
+    return track(perform(spec, cell, shipped()), cell.trajectory(), 10)
+
+
+def test_the_compression_is_the_one_that_was_read() -> None:
+    """Where the sensor is right that is the joint's; where it is dead or noisy it is not."""
+    true = tracked().compression_m
+    assert true.max() > 0.003
+    assert np.array_equal(tracked(compression_dead=1.0).compression_m, np.zeros(len(true)))
+    noise = tracked(compression_noise=0.0003).compression_m - true
+    assert 0.0001 < noise.std() < 0.0006
