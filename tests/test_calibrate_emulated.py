@@ -27,7 +27,7 @@ pytestmark = [
 
 HOST = "127.0.0.87"
 WRONG_CAMERA = {"focal_px": 1500.0, "position_mm": [900, 40, 30], "rotation_deg": [-85, 3, 95]}
-WRONG_WRIST = {"stiffness_n_mm": 2.0, "sign": -1}
+WRONG_WRIST = {"stiffness_n_mm": 2.0}
 WRONG_COLOURS = {"peg": [[[20, 50, 50], [30, 255, 255]]], "block": [[[50, 50, 50], [60, 255, 255]]]}
 
 
@@ -71,7 +71,6 @@ def test_a_wrong_file_is_calibrated_by_the_cell_itself_and_then_the_peg_goes_in(
             )
             assert np.linalg.norm(off) < 0.8  # [px], half a millimetre
         assert math.isclose(found.wrist.stiffness_n_mm, true.wrist.stiffness_n_mm, rel_tol=0.05)
-        assert found.wrist.sign == 1
         assert "# roll, pitch, yaw of its axes" in path.read_text(encoding="utf-8")
 
         where = Where(file=path)

@@ -99,7 +99,7 @@ class _Cell:
 
 def found(where: Where) -> dict[str, Finding]:
     findings = check(where, TASK)
-    assert len({f.check for f in findings}) == len(findings) == 11
+    assert len({f.check for f in findings}) == len(findings) == 12
     assert all(f.advice for f in findings if f.state is State.FAIL)
     return {f.check: f for f in findings}
 
@@ -172,7 +172,7 @@ def test_a_fault_fails_its_check_and_those_after_it_are_not_checked(
 ) -> None:
     states = [f.state for f in found(Like(fault=kind)).values()]
     assert found(Like(fault=kind))[fails].state is State.FAIL
-    expected = [State.PASS] * before + [State.FAIL] + [State.UNKNOWN] * (9 - before)
+    expected = [State.PASS] * before + [State.FAIL] + [State.UNKNOWN] * (10 - before)
     assert states == [*expected, State.PASS]  # the goals need no robot
 
 

@@ -9,15 +9,18 @@ import pytest
 from numpy.typing import NDArray
 from stand_ins import prepared
 
-from pliant.conditions import NOMINAL, Setup, condition
+from pliant.conditions import NOMINAL, Condition, Setup, condition
+from pliant.errors import RobotFault
 from pliant.experiment import ladder, tables_text
 from pliant.experiment.misread import Misread
+from pliant.experiment.one import Spec, perform
 from pliant.levels import EITHER, STOP, load_level, shipped_levels
 from pliant.pose import Pose
 from pliant.records import End
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.skills import GUIDED
 from pliant.task import load_task
+from pliant.teaching import shipped
 from pliant.vision.measure import measure
 from pliant.vision.scene import Scene
 from pliant.vision.sight import ByColour
@@ -124,12 +127,26 @@ def test_a_bar_lies_where_the_hole_is() -> None:
     assert tip_z(pushed(setup, y=0.015)) == pytest.approx(0.011, abs=0.0005)
 
 
-def test_a_dead_sensor_reads_nothing_of_what_presses_and_stops_no_motion() -> None:
-    robot = pushed(Setup(seed=1, compression_dead=1.0, bar_height=0.02), y=0.0)
-    assert robot.observe(()).compression_m == 0.0
-    assert robot.pressed() > 0.025
-    robot.tare()
-    assert robot.observe(()).compression_m == 0.0
+def test_a_dead_sensor_reads_nothing_and_is_found_within_its_first_motion() -> None:
+    setup = Setup(seed=1, compression_dead=1.0, bar_height=0.02)
+    with pytest.raises(RobotFault, match="for a whole motion") as fault:
+        pushed(setup)
+    assert fault.value.kind == "sensor"
+
+
+def test_a_dead_sensor_that_trembles_is_found_when_nothing_is_touched() -> None:
+    ranges = {"compression_dead": (1.0, 1.0), "compression_noise": (0.0003, 0.0003)}
+    spec = Spec(
+        task=load_task("square", "dead_sensor"),
+        condition=Condition(name="trembling", ranges=ranges),
+        seed=2,
+        reasoner="rules",
+        skills=GUIDED,
+    )
+    cell = SimCell()
+    ended = perform(spec, cell, shipped())
+    assert ended.end_reason == "fault:no_touch"
+    assert cell.truth().compression_m < 0.020
 
 
 def test_a_lying_camera_moves_every_reading_by_the_same() -> None:

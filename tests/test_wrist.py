@@ -8,18 +8,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pliant.errors import RobotFault
-from pliant.wrist import LIMIT_M, OVER_M, Load, Watch
+from pliant.wrist import LIMIT_M, LOADED_M, OVER_M, Load, Reading, Watch
 
 MARGIN_M = 0.0001
 DOWN, UP, ACROSS = 0.01, -0.01, 0.0
 READINGS = st.floats(-LIMIT_M - OVER_M, LIMIT_M + OVER_M)
 
 
-def read(*readings: float, margin: float = MARGIN_M) -> Watch:
-    watch = Watch()
+def take(watch: Watch, *readings: float, margin: float = MARGIN_M, noise: float = 0.01) -> Watch:
+    """Readings [m], a tenth of a second from each other; so noisy that none is a jump."""
     for reading in readings:
-        watch.read(reading, margin)
+        time_s = 0.1 if watch.last is None else watch.last.time_s + 0.1
+        watch.read(
+            Reading(
+                time_s=time_s,
+                read_m=reading,
+                filtered_m=reading,
+                margin_m=margin,
+                noise_m=noise,
+            )
+        )
     return watch
+
+
+def read(*readings: float, margin: float = MARGIN_M) -> Watch:
+    return take(Watch(), *readings, margin=margin)
 
 
 def ended(watch: Watch, toward: float, readings: Iterable[float], stop_at: float = LIMIT_M) -> bool:
@@ -27,11 +40,7 @@ def ended(watch: Watch, toward: float, readings: Iterable[float], stop_at: float
     first, *rest = readings
     if not watch.begin(first, toward, stop_at):
         return True
-    for reading in rest:
-        watch.read(reading, MARGIN_M)
-        if watch.ends(reading, MARGIN_M):
-            return True
-    return False
+    return any(take(watch, reading).ends(MARGIN_M) for reading in rest)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -46,7 +55,7 @@ def test_past_the_limit_a_wrist_may_only_be_unloaded(side: int) -> None:
 def test_what_was_unloaded_is_not_lost_again_by_creeping_across() -> None:
     watch = read(0.0215, 0.0205)
     for reading in (0.0206, 0.0207, 0.0208):
-        watch.read(reading, MARGIN_M)
+        take(watch, reading)
         assert ended(watch, ACROSS, [reading, reading + 0.00005]) is (reading > 0.0205)
 
 
@@ -93,3 +102,59 @@ def test_noise_moves_where_a_cell_counts_as_broken_by_five_millimetres_at_most()
     read(LIMIT_M + 0.004, margin=0.0045)
     with pytest.raises(RobotFault):
         read(LIMIT_M + 0.0051, margin=0.1)
+
+
+def test_a_blow_that_swings_past_it_for_a_moment_breaks_nothing() -> None:
+    watch = Watch()
+    for k in range(40):
+        swing = 0.026 * math.sin(2 * math.pi * 5.3 * 0.01 * k)  # as the tool swings on its spring
+        watch.read(Reading(time_s=0.01 * k, read_m=swing, filtered_m=swing))
+
+
+# --- what cannot be true -------------------------------------------------------------------------
+
+
+def pressing(*readings: float, toward: float = DOWN, noise: float = 0.0) -> Watch:
+    watch = read(0.0)
+    watch.begin(0.0, toward, LIMIT_M)
+    return take(watch, *readings, noise=noise)
+
+
+def doubt(*readings: float, toward: float = DOWN) -> str:
+    with pytest.raises(RobotFault) as fault:
+        pressing(*readings, toward=toward)
+    assert fault.value.kind == "sensor"
+    return str(fault.value)
+
+
+def test_a_reading_that_does_not_change_in_a_motion_is_frozen() -> None:
+    for toward in (DOWN, UP, ACROSS):
+        assert "for a whole motion" in doubt(0.003, 0.003, 0.003, 0.003, toward=toward)
+    pressing(0.003, 0.003, 0.0031, 0.0031, 0.003)
+    at_rest = pressing(0.003)
+    at_rest.rest()
+    take(at_rest, *[0.003] * 9)
+
+
+def test_a_press_that_reads_as_stretching_has_the_wrong_sign() -> None:
+    assert "is its sign right?" in doubt(-0.001, -0.0025, -0.004)
+    pressing(-0.001, -0.0025, -0.004, toward=UP)
+    peg_popped_in = pressing(0.012, 0.001, -0.002)
+    assert not peg_popped_in.ends(MARGIN_M)
+
+
+def test_a_jump_that_no_wrist_could_make_is_found() -> None:
+    assert "jumps by -16.0 mm" in doubt(0.008, -0.008)
+    pressing(0.008, -0.008, noise=0.002, toward=UP)
+
+
+def test_a_wrist_that_does_not_hang_where_it_hung_is_not_tared() -> None:
+    watch = read()
+    for hangs in (0.1, 0.1 + 0.9 * LOADED_M, 0.1 - 0.9 * LOADED_M):
+        watch.tare(hangs)
+    for hangs in (0.1 + 1.1 * LOADED_M, 0.1 - 1.1 * LOADED_M, math.nan):
+        with pytest.raises(RobotFault, match="not tared") as fault:
+            watch.tare(hangs)
+        assert fault.value.kind == "loaded"
+    watch.forget()
+    watch.tare(0.3)

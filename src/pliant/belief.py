@@ -5,9 +5,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from statistics import fmean, median
 
+from pliant.envelope import Descent
 from pliant.formations import Formation
 from pliant.pose import Pose
-from pliant.task import load_task
+from pliant.task import Task, load_task
 from pliant.teaching import Teaching
 from pliant.vision.offset import hanging_tip
 from pliant.vision.scene import Measured, Scene
@@ -175,6 +176,13 @@ def sag_m(teaching: Teaching) -> float:
     task, share = load_task(shown.peg), hang_share(teaching)
     _, z = hanging_tip(task, shown.pose, seen.peg.tilt, hang_share=share, sag_m=0.0)
     return (z.value - seen.peg.tip_z.value) / math.cos(shown.pose.roll) ** 2
+
+
+def descent_of(belief: Belief, task: Task, teaching: Teaching) -> Descent:
+    """How low the hand may go by what is believed of the board; nominal until it was seen."""
+    surface = belief.surface_z.value if belief.surface_z is not None else 0.0
+    hang = task.tip_below_hinge + sag_m(teaching)
+    return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth)
 
 
 def _weighed(belief: Belief, name: str, reading: Measured, memory: int) -> Belief:

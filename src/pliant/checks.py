@@ -9,12 +9,15 @@ made has no vote, and says why.
 import math
 from collections.abc import Callable, Mapping
 
-from pliant.belief import Belief, believed
-from pliant.cell import Stop
+import numpy as np
+
+from pliant.belief import Belief, believed, sag_m
+from pliant.cell import Motion, Stop
 from pliant.formations import OWNED, Formation
 from pliant.pose import Partial, describe
 from pliant.records import Check, Evidence, Outcome
 from pliant.task import Task
+from pliant.teaching import Teaching
 from pliant.vision.scene import HoleSeen, PegSeen, Scene
 
 POSE_TOLERANCE_M = 0.001  # the paper's p_th
@@ -31,6 +34,12 @@ ASIDE_M = 0.003  # guided Align: the tip across the plane of insertion
 FAR_WALL_DEPTH_M = 0.0015
 FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
+
+SEEN_M = 0.015  # pressed further than felt, by the picture: the sensor is wrong
+UNFELT_M, UNFELT_SEEN_M = 0.001, 0.0035  # the same of Contact, where hardly anything is felt
+TOUCHED_M, PRESSED_M, QUIET_M = 0.0008, 0.002, 0.0005  # felt, of a press that tells the scale
+LEAST_SAMPLES = 4
+SLOPE = (0.8, 1.25)  # felt per pressed; healthy: 1.00 to 1.02
 
 
 def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
@@ -140,6 +149,52 @@ def on_hole_px(outcome: Outcome) -> float:
     """Table I's "on the hole" in the outcome's picture [px]."""
     camera = outcome.looks[-1].observation.views["side"].camera
     return ON_HOLE_M / camera.metres_per_pixel(0.0)
+
+
+# --- whether the wrist's compression can be believed --------------------------------------------
+
+
+def doubt(task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> str | None:
+    """Why what was read of the wrist's compression cannot be true, or None: held against how high
+    the picture shows the tip, and against the arm's way while the peg was pressed on the board."""
+    felt = outcome.looks[-1].observation.compression_m
+    seen = seen_compression(task, outcome, belief, teaching)
+    is_contact = outcome.step.formation is Formation.CONTACT
+    unfelt = is_contact and felt < UNFELT_M and seen is not None and seen - felt > UNFELT_SEEN_M
+    if seen is not None and (unfelt or seen - felt > SEEN_M):
+        return f"the picture shows {seen * 1e3:.1f} mm, {felt * 1e3:.1f} mm is felt"
+    slope = pressing_slope(outcome.motions[-1]) if is_contact and outcome.motions else None
+    if slope is not None and not SLOPE[0] <= slope <= SLOPE[1]:
+        return f"a millimetre of pressing on the board is felt as {slope:.2f} mm"
+    return None
+
+
+def seen_compression(
+    task: Task, outcome: Outcome, belief: Belief, teaching: Teaching
+) -> float | None:
+    """How far the wrist is pressed by the tip's height in the last picture [m]; a peg that slid up
+    in the grasp adds to it. None: the peg is not seen."""
+    peg, pose = outcome.scene.peg, outcome.pose
+    if peg is None:
+        return None
+    grasp = belief.grasp_roll.value if belief.grasp_roll is not None else 0.0
+    tilt = peg.tilt.value
+    above = task.grasp_below_hinge * math.cos(tilt - grasp) + task.tip_below_grasp * math.cos(tilt)
+    return peg.tip_z.value - (pose.z - sag_m(teaching) - above)
+
+
+def pressing_slope(motion: Motion) -> float | None:
+    """How much more was felt for each metre down, from the touch to the end; None: too little was
+    felt to say, or the readings are too noisy."""
+    felt, z = motion.trace.compression_m, motion.trace.pose[:, 2]
+    before = felt[felt < TOUCHED_M]
+    after = np.flatnonzero(felt >= TOUCHED_M)
+    if len(after) < LEAST_SAMPLES or len(before) < LEAST_SAMPLES or np.std(before) > QUIET_M:
+        return None
+    first, last = int(after[0]), int(after[-1])
+    if last - first + 1 != len(after) or felt[last] - felt[first] < PRESSED_M:
+        return None
+    return float((felt[last] - felt[first]) / max(z[first] - z[last], 1e-6))
 
 
 # --- pliant's own checks -----------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The envelope: nothing moves the arm without its leave, teaching included."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
@@ -10,6 +10,9 @@ from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
 from pliant.wrist import LIMIT_M
+
+_BELOW_M = 0.010  # than the touch is due: 51 of 52 healthy trials need no more
+_SURFACE_M = 0.020  # from nominal: further no board is believed to be
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +47,32 @@ class Limits:
         return None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Descent:
+    """How low the hinge point may go over a board, by geometry alone: whatever the wrist's sensor
+    says.
+
+    `surface_z` is where the board's surface is believed to be, `hang_m` how far below the hinge
+    point the peg's tip hangs freely, `depth_m` how deep the hole lets it in [m].
+    """
+
+    surface_z: float
+    hang_m: float
+    depth_m: float
+
+    def lowest_z(self, stop_at_m: float, limits: Limits) -> float:
+        """Of a motion that ends at `stop_at_m` of compression [m]. One that ends earlier than at
+        the limit is for a touch, on the board's surface."""
+        surface = max(-_SURFACE_M, min(_SURFACE_M, self.surface_z))
+        if stop_at_m < limits.compression_m:
+            return surface + self.hang_m - stop_at_m - _BELOW_M
+        return min(surface, 0.0) + self.hang_m - self.depth_m - limits.compression_m - _BELOW_M
+
+
 class Guarded:
     """A robot behind the envelope: the same six calls, each motion checked, speed and compression
-    limit capped. The motion's record keeps what was requested beside what was commanded.
+    limit capped, and no lower than `descent` allows where somebody set it. The motion's record
+    keeps what was requested beside what was commanded.
 
     `motions` are those done since somebody cleared the list, `under_way` where the arm was sent and
     has not arrived: after a fault they say what it was doing.
@@ -57,6 +83,7 @@ class Guarded:
         self.limits = limits
         self.motions: list[Motion] = []
         self.under_way: Pose | None = None
+        self.descent: Descent | None = None
 
     def __enter__(self) -> Self:
         self._robot.__enter__()
@@ -78,6 +105,7 @@ class Guarded:
         if problem is not None:
             self._robot.halt()
             raise RobotFault("envelope", f"refused a motion: {problem}")
+        requested, pose = pose, self._not_too_low(pose, stop_at_compression_m)
         self.under_way = pose
         motion = self._robot.move_to(
             pose,
@@ -85,8 +113,21 @@ class Guarded:
             stop_at_compression_m=min(stop_at_compression_m, self.limits.compression_m),
         )
         self.under_way = None
+        if pose is not requested:
+            motion = replace(motion, requested=requested)
         self.motions.append(motion)
         return motion
+
+    def _not_too_low(self, pose: Pose, stop_at_m: float) -> Pose:
+        """The pose, or as low on the way to it as geometry allows; where the arm is lower already,
+        at its height."""
+        if self.descent is None:
+            return pose
+        lowest = self.descent.lowest_z(stop_at_m, self.limits)
+        if pose.z >= lowest:
+            return pose
+        here = self._robot.observe(()).pose.z
+        return pose.updated({Axis.Z: max(pose.z, min(lowest, here))})
 
     def settle(self, seconds: float) -> None:
         self._robot.settle(seconds)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
-from pliant.belief import MEMORY, Belief, Seen, fold
+from pliant.belief import MEMORY, Belief, Seen, descent_of, fold
 from pliant.cell import Robot
-from pliant.checks import check, check_guided
+from pliant.checks import check, check_guided, doubt
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
@@ -126,8 +126,13 @@ class Run:
             robot.motions.clear()
             self._begun = step, target
             before = self._belief(None)
+            robot.descent = descent_of(before, self.task, self.teaching)
             outcome = self.skill(robot, partial(self._look, robot), target, step, before)
             belief = self._belief(outcome)
+            problem = doubt(self.task, outcome, belief, self.teaching)
+            if problem is not None:
+                robot.halt()
+                raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")
             case = Case(
                 task=self.task,
                 teaching=self.teaching,

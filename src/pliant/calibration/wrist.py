@@ -1,8 +1,9 @@
 """How stiff the wrist is: press the peg on the board in small steps of the arm, and release it.
 
 The arm is stiff and knows how far it went, so each millimetre past the touch is a millimetre of
-compression. What the cell reports instead, through the stiffness and sign it believes in, tells the
-true ones. How far the arm goes is bounded by position, whatever the force seems to be.
+compression. What the cell reports instead, through the stiffness it believes in, tells the true
+one; a wrong sign is refused. How far the arm goes is bounded by position, whatever the force seems
+to be.
 """
 
 import math
@@ -50,7 +51,6 @@ class WristFound:
 
     stiffness_n_m: float
     sd_n_m: float
-    sign: int  # -1: the cell takes pressing for pulling
     touch_m: float  # the hinge point's height when the tip touches the board
     bend: float  # rms between the line and a parabola, over the force's range
     hysteresis: float  # mean gap between pressing and releasing, over the force's range
@@ -127,19 +127,23 @@ def evaluate(pressed: Press, stiffness_n_m: float) -> WristFound:
     """The stiffness from the readings of a cell that believes in `stiffness_n_m`.
 
     Raises:
-        InputError: nothing was felt, or too little of it.
+        InputError: nothing was felt, or too little of it, or pressing as stretching.
     """
     height, reading = pressed.height_m, pressed.compression_m
     top = float(np.max(np.abs(reading)))
-    sign = 1 if abs(np.max(reading)) >= abs(np.min(reading)) else -1
-    reading = sign * reading
-    felt = reading > _FELT * top
+    is_turned = -np.min(reading) > np.max(reading)
+    felt = np.abs(reading) > _FELT * top
     down, up = felt & ~pressed.is_release, felt & pressed.is_release
     if top < LEAST_SLOPE * _ENOUGH_M or min(np.sum(down), np.sum(up)) < _LEAST_READINGS:
         raise InputError(
             f"pressing was hardly felt: {top * 1e3:.2f} mm of compression reported down to"
             f" {np.min(height) * 1e3:.1f} mm: check the task frame's z, that wrist.axis is z (the"
             " tool's axis that stands upright), and the stiffness"
+        )
+    if is_turned:
+        raise InputError(
+            f"pressing reads as {top * 1e3:.1f} mm of stretching: turn wrist.sign round in the"
+            " cell's file, and look with pliant check-cell, before anything is pressed again"
         )
     # One slope, a line of its own each way.
     back = pressed.is_release[felt].astype(float)
@@ -157,7 +161,6 @@ def evaluate(pressed: Press, stiffness_n_m: float) -> WristFound:
     return WristFound(
         stiffness_n_m=stiffness_n_m * slope,
         sd_n_m=stiffness_n_m * slope_sd,
-        sign=sign,
         touch_m=(offset_down + offset_up) / 2 / slope,
         bend=_bend(height[felt], columns, reading[felt]) / top,
         hysteresis=abs(offset_down - offset_up) / top,

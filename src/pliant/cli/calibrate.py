@@ -235,7 +235,7 @@ class _Session:
         found = wrist_calibration.evaluate(wrist_calibration.press(robot, self._task), believed)
         self._say(
             f"  {found.stiffness_n_m * 1e-3:.3f} ± {found.sd_n_m * 1e-3:.3f} N/mm (believed"
-            f" {believed * 1e-3:.3f}), sign {'as configured' if found.sign > 0 else 'reversed'}"
+            f" {believed * 1e-3:.3f})"
         )
         self._say(
             f"  off a line by {found.bend:.1%} of the force, pressing and releasing"
@@ -243,8 +243,7 @@ class _Session:
             f" mm, {(found.touch_m - self._task.tip_below_hinge) * 1e3:+.1f} mm from nominal"
         )
         self._judge("wrist", found.problem())
-        sign = found.sign if given is None else given.wrist.sign * found.sign
-        self._put({"wrist": {"stiffness_n_mm": round(found.stiffness_n_m * 1e-3, 4), "sign": sign}})
+        self._put({"wrist": {"stiffness_n_mm": round(found.stiffness_n_m * 1e-3, 4)}})
 
     # --- what becomes of it ----------------------------------------------------------------------
 

@@ -33,6 +33,8 @@ _UPRIGHT = math.radians(2.0)  # of the flange, for the peg's place to be known
 _DRIFT_S = 3.0
 _READINGS = 10
 _GRAVITY = 9.81
+_LIGHTER_KG = 0.3  # than the tool is, for the wrist's sign
+WEIGHT_FELT = (0.5, 1.5)  # of what that is: rough, since only the sign is asked for
 
 
 class State(StrEnum):
@@ -57,7 +59,7 @@ class Finding:
 
 
 _OF_ARM = ("connection", "safety status", "mode", "gripper", "payload", "camera")  # in this order
-_WITH_ROBOT = ("tare drift", "picture", "calibration", "safety limits")
+_WITH_ROBOT = ("tare drift", "wrist sign", "picture", "calibration", "safety limits")
 
 _CHECK_OF_FAULT = {
     "power_off": "mode",
@@ -80,6 +82,8 @@ _ADVICE = {
     "payload": "does the tool hang free and upright? then correct payload.mass_kg and center_mm",
     "camera": "is it connected, not in use, and camera.source, where, width and height right?",
     "tare drift": "wait until the arm is warm and the tool at rest, in free hang",
+    "wrist sign": "turn wrist.sign round, or is wrist.axis another? let the arm press nothing"
+    " before: it would not feel it",
     "picture": "peg and block must be in the picture, in good light: look at it with pliant teach,"
     " then pick the colours with pliant calibrate",
     "calibration": "pliant calibrate",
@@ -175,6 +179,7 @@ def _in_the_cell(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
     drift = _mean_compression(robot) - before
     found = f"{drift * 1e3:+.2f} mm in {_DRIFT_S:g} s, at most {DRIFT_M * 1e3:g}"
     yield _judged("tare drift", abs(drift) <= DRIFT_M, found)
+    yield _sign(where, robot)
     observation = robot.observe()
     scene = measure(observation.views["side"], task, where.colours)
     seen = scene.peg is not None and scene.hole is not None
@@ -183,6 +188,28 @@ def _in_the_cell(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
         yield _calibration(where, task, observation, scene)
     else:
         yield _unknown("calibration", "peg and hole are not seen")
+
+
+@runtime_checkable
+class _Weighing(Protocol):
+    """A robot that can be told that its tool is lighter."""
+
+    def weigh(self, lighter_kg: float) -> float: ...
+
+
+def _sign(where: Where, robot: Robot) -> Finding:
+    """Weight that the controller does not make up for must read as stretching."""
+    name, configuration = "wrist sign", where.configuration
+    if configuration is None or not isinstance(robot, _Weighing):
+        return Finding(check=name, state=State.NONE, found="the cell is simulated")
+    lighter_kg = min(_LIGHTER_KG, configuration.payload.mass_kg / 2)
+    stretched = lighter_kg * _GRAVITY / (configuration.wrist.stiffness_n_mm * 1e3)
+    felt = -robot.weigh(lighter_kg)
+    found = (
+        f"{lighter_kg:g} kg of the tool stretch by {felt * 1e3:+.1f} of {stretched * 1e3:.1f} mm"
+    )
+    low, high = WEIGHT_FELT
+    return _judged(name, low * stretched <= felt <= high * stretched, found)
 
 
 def _calibration(where: Where, task: Task, observation: Observation, scene: Scene) -> Finding:

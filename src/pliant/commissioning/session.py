@@ -162,7 +162,7 @@ def decide(
                 return _say(session, "every axis that is kept is where it was"), None
             return _move(session, session.at.updated(astray), limits)
         case Do.TARE:
-            return _say(session, "compression counts from here"), Tare()
+            return session, Tare()
         case Do.GUIDE if not can_guide:
             return _say(session, "this cell has no freedrive"), None
         case Do.GUIDE:
@@ -183,6 +183,16 @@ def moved(session: Session, target: Pose, motion: Motion) -> Session:
         at=session.at.updated(turned),
         note=f"stopped: the wrist is pressed by {pressed:.1f} mm, its limit; go back a little",
     )
+
+
+def tared(session: Session, observation: Observation, *, loaded: bool) -> Session:
+    """Compression counts from here; not where the wrist is loaded."""
+    if loaded:
+        pressed = observation.compression_m * 1e3
+        return _say(
+            session, f"not tared: {pressed:+.1f} mm of compression; let the peg hang freely"
+        )
+    return _say(session, "compression counts from here")
 
 
 def taken(session: Session, observation: Observation, scene: Scene) -> Session:

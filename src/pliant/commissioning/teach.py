@@ -23,6 +23,7 @@ from pliant.pose import Axis
 from pliant.task import Task
 from pliant.vision.measure import SIMULATED, Colours, measure
 from pliant.vision.scene import Scene
+from pliant.wrist import LOADED_M
 
 CONTACT_SPEED = 0.02  # [m/s]
 _AFTER_MOTION_S = 0.2
@@ -146,8 +147,12 @@ class Teacher:
                 self.look()
                 self.session = s.taken(self.session, self.observation, self.scene)
             case s.Tare():
-                self._robot.tare()
                 self.look()
+                loaded = abs(self.observation.compression_m) > LOADED_M
+                if not loaded:
+                    self._robot.tare()
+                    self.look()
+                self.session = s.tared(self.session, self.observation, loaded=loaded)
             case s.Guide(on=on):
                 assert isinstance(self._hand, Hand)
                 self._hand.freedrive(on)

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -23,12 +24,14 @@ from pliant.sim.render import Cameras
 from pliant.sim.sensor import Sensor
 from pliant.sim.setup import apply, is_moving, place
 from pliant.task import Task
-from pliant.wrist import Watch
+from pliant.wrist import Reading, Watch
 
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
 _CONTROLS_PER_FRAME = 4  # of the trajectory: 25 Hz
 _UNLOADING = 0.00005  # [m] past the limit already, a motion may not press further than this
+# Of a pose that counts as reached; in healthy trials the servos gave way by 4.5 mm and 0.9 deg.
+_NEAR_M, _NEAR_RAD = 0.010, math.radians(3.0)
 _STREAM_TOLERANCE = 1e-5  # [m, rad] of a set point in a stream: it takes one iteration
 _HANG_S, _HANG_DAMPING = 1.0, 30.0  # before a trial: damped, so that it starts at rest
 
@@ -198,7 +201,10 @@ class SimRobot:
         ticks = max(1, math.ceil(profile.duration / c.CONTROL_PERIOD))
         fractions = profile.fractions(np.arange(1.0, ticks + 1.0) * c.CONTROL_PERIOD)
         path = _along(waypoints, fractions)
-        return self._follow(path, pose, stop_at_compression_m)
+        motion = self._follow(path, pose, stop_at_compression_m)
+        if motion.stop is Stop.REACHED:
+            self._verify(motion)
+        return motion
 
     def stream_to(self, pose: Pose, *, seconds: float, stop_at_compression_m: float) -> Motion:
         """Run the set points evenly, without ramps, to a pose a few millimetres away."""
@@ -212,6 +218,7 @@ class SimRobot:
             self._control()
 
     def tare(self) -> None:
+        self._obeyed(partial(self._wrist.tare, self._sensor.watched(self._felt())))
         self._free_hang, self._tared = float(self.data.qpos[self._slide]), self._felt()
 
     def clock(self) -> float:
@@ -293,14 +300,16 @@ class SimRobot:
             self._control()
             watched = self._watched()
             peak = max(peak, watched)
-            ends = self._wrist.ends(watched, margin)
+            ends = self._wrist.ends(margin)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
                 self._sample(samples, self.compression())
             if ends and stop is Stop.REACHED:
                 stop = Stop.COMPRESSION
+                self._wrist.rest()
                 self.halt()
                 self.settle(self._sensor.delay_s)
                 break
+        self._wrist.rest()
         if stop is Stop.REACHED:
             self._commanded, self._q = pose, path[-1]
         return Motion(
@@ -314,6 +323,17 @@ class SimRobot:
             trace=samples.trace(),
         )
 
+    def _verify(self, motion: Motion) -> None:
+        """What holds the peg may hold back the hand, too: the servos give way."""
+        off = float(np.linalg.norm(motion.ended.position() - motion.commanded.position()))
+        turn = _angle_between(motion.ended, motion.commanded)
+        if off > _NEAR_M or turn > _NEAR_RAD:
+            self.halt()
+            raise RobotFault(
+                "not_reached",
+                f"a motion ended {off * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal",
+            )
+
     def _toward_tip(self, pose: Pose) -> float:
         """How far the way to a pose goes along the wrist's axis there, toward the tip [m]."""
         way = pose.position() - self._commanded.position()
@@ -322,8 +342,7 @@ class SimRobot:
     def _length(self, pose: Pose) -> float:
         """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
         line = float(np.linalg.norm(pose.position() - self._commanded.position()))
-        cosine = (np.trace(self._commanded.rotation().T @ pose.rotation()) - 1) / 2
-        return max(line, self.task.tip_below_hinge * math.acos(max(-1.0, min(1.0, cosine))))
+        return max(line, self.task.tip_below_hinge * _angle_between(self._commanded, pose))
 
     def _control(self) -> None:
         model, data = self.model, self.data
@@ -338,9 +357,21 @@ class SimRobot:
         if self._controls % _CONTROLS_PER_FRAME == 0:
             self._keep_frame()
         self._on_step()
+        reading = Reading(
+            time_s=self.clock(),
+            read_m=self.compression(),
+            filtered_m=self._watched(),
+            margin_m=self._sensor.margin,
+            noise_m=self.setup.compression_noise,
+        )
+        self._obeyed(partial(self._wrist.read, reading))
+
+    def _obeyed(self, ask: Callable[[], None]) -> None:
+        """Ask the wrist's watch, and halt where it finds a fault."""
         try:
-            self._wrist.read(self._watched(), self._sensor.margin)
+            ask()
         except RobotFault:
+            self._wrist.rest()
             self.halt()
             raise
 
@@ -371,6 +402,11 @@ class _Samples:
             pose=np.hstack([np.array(self.position), np.array(angles)]),
             compression_m=np.array(self.compression_m),
         )
+
+
+def _angle_between(a: Pose, b: Pose) -> float:  # [rad]
+    cosine = (float(np.trace(a.rotation().T @ b.rotation())) - 1.0) / 2.0
+    return math.acos(max(-1.0, min(1.0, cosine)))
 
 
 def _along(waypoints: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -153,7 +153,7 @@ class Guided:
     def _contact(self, hand: Hand) -> None:
         """Down until the wrist gives way, then a steady load, both counted from free hang with the
         hand turned as it is now: gravity pulls less along a leaning wrist."""
-        hand.robot.tare()
+        hand.tare()
         hand.down(2 * _ABOVE + 0.02, _TOUCH)
         hand.load(_PRESSED)
 

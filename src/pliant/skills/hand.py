@@ -10,6 +10,7 @@ import numpy as np
 from pliant.belief import MEMORY, Belief, Seen, in_hand, softly
 from pliant.cell import Motion, Robot, Stop
 from pliant.envelope import Limits
+from pliant.errors import RobotFault
 from pliant.formations import Formation
 from pliant.pose import Pose
 from pliant.records import Look, Looking
@@ -17,7 +18,7 @@ from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.scene import Measured
 from pliant.vision.surround import FRONT, SIDE
-from pliant.wrist import LIMIT_M
+from pliant.wrist import LIMIT_M, LOADED_M
 
 WORKED = 0.010  # [m] of compression while a stuck peg is shaken
 _HELD_BACK = 0.005  # [m] the wrist is stretched by a peg that holds on
@@ -201,10 +202,35 @@ class Hand:
         self.inside(roll=here.roll, pitch=here.pitch, x=here.x, y=here.y)
         self.dither(math.radians(2.0 + times))
 
+    def tare(self) -> None:
+        """Count compression from here, in free hang.
+
+        Raises:
+            RobotFault: "loaded": by what is believed of the board the peg stands on it, or in it.
+        """
+        below = self.frame.z + self._task.tip_below_hinge - self.at.z
+        if below > LOADED_M:
+            raise RobotFault(
+                "loaded",
+                f"not tared: the hand is {below * 1e3:.1f} mm too low for the peg to hang freely",
+            )
+        self.robot.tare()
+
     def down(self, most: float, touch: float) -> None:
-        """Down by at most `most` [m], ended by `touch` [m] of compression."""
+        """Down by at most `most` [m], ended by `touch` [m] of compression.
+
+        Raises:
+            RobotFault: "no_touch": it was not.
+        """
         goal = replace(self.at, z=self.at.z - most)
         self._move(goal, self._manner.guarded_speed_m_s, touch)
+        last = self.motions[-1]
+        if last.stop is not Stop.TOUCH:
+            raise RobotFault(
+                "no_touch",
+                f"nothing was felt down to {last.ended.z * 1e3:.1f} mm, where the peg should have"
+                " touched the board",
+            )
 
     def load(self, compression: float) -> None:
         """Up or down until the wrist is pressed by about so much [m]."""

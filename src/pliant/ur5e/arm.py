@@ -177,13 +177,19 @@ class Arm:
         """Tool, payload, speed slider and watchdog as the configuration has them."""
         configuration = self._configuration
         self.check()
-        payload = configuration.payload
         self._accepted(self._control.setTcp(configuration.tcp.pose), "the tool's centre point")
-        self._accepted(self._control.setPayload(payload.mass_kg, payload.center_m), "the payload")
+        self.set_payload()
         self._set_speed(configuration.arm.speed_fraction)
         watchdog_hz = configuration.arm.watchdog_hz
         self._accepted(self._control.setWatchdog(watchdog_hz), "the watchdog")
         self._is_watched, self._kicked_s = True, self.time_s()
+
+    def set_payload(self, lighter_kg: float = 0.0) -> None:
+        """As the configuration has it, or lighter by so much."""
+        self.check()
+        payload = self._configuration.payload
+        done = self._control.setPayload(payload.mass_kg - lighter_kg, payload.center_m)
+        self._accepted(done, "the payload")
 
     def zero_force(self) -> None:
         self.check()

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.ur5e.configuration import Configuration
+from pliant.wrist import Reading
 
 _GRAVITY = 9.81  # [m/s2]
 _RECENT_S = 0.1  # what an observation is the mean of
@@ -30,6 +31,7 @@ class Compression:
         self._per_newton = 1e-3 / wrist.stiffness_n_mm  # [m/N]
         self._column, self._sign = "xyz".index(wrist.axis), wrist.sign
         self._weight = configuration.payload.mass_kg * _GRAVITY
+        self.noise_m = 0.0  # standard deviation of a reading
         self._zero = 0.0
         self._time_s = -math.inf
         self._recent: deque[tuple[float, float]] = deque()
@@ -58,7 +60,8 @@ class Compression:
         """Count from the mean of `readings` (n,) [m], which were taken every `period_s` at rest in
         free hang; their noise says how far the filtered value may stray by itself."""
         kept = -math.expm1(-period_s / max(self.filter_s, 1e-6))
-        deviation = float(np.std(readings)) * math.sqrt(kept / (2.0 - kept))
+        self.noise_m = float(np.std(readings))
+        deviation = self.noise_m * math.sqrt(kept / (2.0 - kept))
         self.margin = max(_LEAST_MARGIN, _DEVIATIONS * deviation)
         self._zero += float(np.mean(readings))
         self._recent.clear()
@@ -69,6 +72,17 @@ class Compression:
         the arm begins to brake, and its braking."""
         delay_s = self.filter_s + latency_s
         return speed_m_s * delay_s + speed_m_s**2 / (2.0 * stop_m_s2)
+
+    @property
+    def reading(self) -> Reading:
+        """The last one, as the wrist's watch takes it."""
+        return Reading(
+            time_s=self._time_s,
+            read_m=self.latest,
+            filtered_m=self.now,
+            margin_m=self.margin,
+            noise_m=self.noise_m,
+        )
 
     @property
     def latest(self) -> float:

@@ -28,12 +28,14 @@ from pliant.wrist import Watch
 _ALIVE_S = 0.05
 _IDLE_S = 0.005
 _TARE_S = 0.4
+_WEIGH_S = 1.0
 _LATENCY_S = 0.015  # from the force to the first braking, measured; five times the protocol's share
 _SAMPLE_S = 0.05
 _REST_S = 0.5  # from the end of a motion, or from a stop, until the arm is still
 _NEAR_M, _NEAR_RAD = 0.002, math.radians(1.0)  # of a pose that counts as reached
 _HEARS = (  # faults after which it does
-    *("compression", "gripper", "interrupted", "not_reached", "safety_limits"),
+    *("compression", "sensor", "loaded"),
+    *("gripper", "interrupted", "not_reached", "safety_limits"),
 )
 
 
@@ -67,6 +69,7 @@ class _Driver:
         self._compression = Compression(configuration)
         self._wrist = Watch(configuration.limits.compression_mm * 1e-3)
         self._is_tared = False
+        self._hangs_m = 0.0  # when last tared, from where it hung at first
         self._arm: Arm | None = None
         self._gripper: Gripper | None = None
         self._said_s = 0.0
@@ -106,6 +109,8 @@ class _Driver:
                 return self._move(request)
             case m.Permits(pose=pose):
                 return self._here.permits(self._base_of_task @ _transform(pose))
+            case m.Weigh(lighter_kg=lighter_kg):
+                return self._weigh(lighter_kg)
             case m.Wait(seconds=seconds):
                 self._wait(seconds)
             case m.Measure():
@@ -128,6 +133,7 @@ class _Driver:
             )
 
     def _set_up(self, holds: bool) -> None:
+        self._is_tared = False
         self._here.set_up()
         if self._gripper is not None:
             self._gripper.watch(holds)
@@ -135,6 +141,12 @@ class _Driver:
     def _tare(self) -> None:
         self._freedrive(False)
         self._come_to_rest()
+        if self._is_tared:
+            self._hangs_m += self._compression.mean
+        else:
+            self._wrist.forget()
+            self._hangs_m = 0.0
+        self._wrist.tare(self._hangs_m)
         self._is_tared = False  # what is read until it is done means nothing
         self._here.zero_force()
         readings = []
@@ -144,6 +156,26 @@ class _Driver:
             readings.append(self._compression.latest)
         self._compression.tare(np.array(readings), _TARE_S / len(readings))
         self._is_tared = True
+
+    def _weigh(self, lighter_kg: float) -> float:
+        self._freedrive(False)
+        self._come_to_rest()
+        before = self._mean()
+        self._here.set_payload(lighter_kg)
+        try:
+            self._wait(_WEIGH_S)
+            return self._mean() - before
+        finally:
+            self._here.set_payload()
+            self._wait(_WEIGH_S)
+
+    def _mean(self) -> float:
+        readings = []
+        until = self._here.time_s() + _WEIGH_S
+        while self._here.time_s() < until:
+            self._look()
+            readings.append(self._compression.latest)
+        return float(np.mean(readings))
 
     def _wait(self, seconds: float) -> None:
         until = self._here.time_s() + seconds
@@ -191,9 +223,10 @@ class _Driver:
         while arm.is_moving():
             self._look()
             samples.take_if_due(self._now(), compression.now)
-            if is_reached and self._wrist.ends(compression.now, compression.margin, earlier):
+            if is_reached and self._wrist.ends(compression.margin, earlier):
                 is_reached = False
                 arm.stop()
+        self._wrist.rest()
         self._come_to_rest(samples)
         ended = self._measured()
         samples.take(ended, compression.now)
@@ -259,7 +292,7 @@ class _Driver:
         arm = self._here
         self._compression.read(arm.time_s(), arm.force(), arm.pose()[:3, :3])
         if self._is_tared:
-            self._wrist.read(self._compression.now, self._compression.margin)
+            self._wrist.read(self._compression.reading)
         if self._gripper is not None:
             self._gripper.poll()
 

@@ -42,6 +42,14 @@ class Permits:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Weigh:
+    """By how much compression changes [m] while the controller believes in a lighter payload [kg]:
+    the weight that it no longer makes up for stretches the wrist."""
+
+    lighter_kg: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Wait:
     """On the controller's clock."""
 
@@ -80,7 +88,18 @@ class Close:
 
 
 Request = (
-    Connect | SetUp | Tare | Move | Permits | Wait | Measure | Fingers | Freedrive | Halt | Close
+    Connect
+    | SetUp
+    | Tare
+    | Move
+    | Permits
+    | Weigh
+    | Wait
+    | Measure
+    | Fingers
+    | Freedrive
+    | Halt
+    | Close
 )
 
 
@@ -106,7 +125,7 @@ class Moved:
     compressions_m: NDArray[np.float64]  # (n,)
 
 
-Result = Measured | Moved | bool | None
+Result = Measured | Moved | bool | float | None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -106,6 +106,11 @@ class UrRobot:
         and a halt end it too."""
         self._ask(m.Freedrive(on=on))
 
+    def weigh(self, lighter_kg: float) -> float:
+        """By how much compression changes [m] while the controller believes that the tool is so
+        much lighter. Nothing moves; the wrist must hang freely."""
+        return self._ask_for(float, m.Weigh(lighter_kg=lighter_kg))
+
     def permits(self, pose: Pose) -> bool:
         """Whether the controller's own safety limits let the hinge point be there."""
         return self._ask_for(bool, m.Permits(pose=pose))
