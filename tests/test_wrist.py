@@ -137,8 +137,9 @@ def test_a_reading_that_does_not_change_in_a_motion_is_frozen() -> None:
 
 
 def test_a_press_that_reads_as_stretching_has_the_wrong_sign() -> None:
-    assert "is its sign right?" in doubt(-0.001, -0.0025, -0.004)
+    assert "is its sign right?" in doubt(-0.001, -0.0025, -0.004, -0.006, -0.008)
     pressing(-0.001, -0.0025, -0.004, toward=UP)
+    pressing(-0.001, -0.007, -0.001)  # a swing
     peg_popped_in = pressing(0.012, 0.001, -0.002)
     assert not peg_popped_in.ends(MARGIN_M)
 

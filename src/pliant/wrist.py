@@ -27,7 +27,8 @@ _MOST_OVER_M = 0.005  # as OVER_M, where readings are noisy
 _OVER_S = 0.06  # for so long: a blow to a held peg swings the tool further, and back
 _BACK_M = 0.0005  # below the limit, before a motion may press again
 _ALONG_M = 0.00002  # a motion that goes less along the wrist's axis neither presses nor unloads
-_PULLED_M = 0.003  # read as stretching while it is pressed: the sign is wrong; healthy: 0.7 mm
+_PULLED_M = 0.003  # read as stretching while it is pressed: the sign is wrong; healthy: 1.2 mm
+_PULLED_S = 0.2  # for so long: not a swing after a blow
 _FROZEN_S = 0.2  # of a motion without any change of the reading: a true one trembles
 _JUMP_M = 0.015  # from one reading to the next; a blow to a held peg: 9 mm in 10 ms
 _DEVIATIONS = 8.0  # of a reading's noise, which is no jump
@@ -84,7 +85,7 @@ class Watch:
         """Begin anew: a trial, with a wrist that hangs freely."""
         self.load = Load()
         self.last: Reading | None = None
-        self._within_s = self._changed_s = -math.inf  # when it was last so
+        self._within_s = self._changed_s = self._pushed_s = -math.inf  # when it was last so
         self._toward_m: float | None = None  # of the motion under way
         self._stop_at_m = self.limit_m
         self._began_m = self._pressed_m = self._stretched_m = 0.0  # at first, and least in it
@@ -131,7 +132,9 @@ class Watch:
             raise _doubt(f"it reads {reading.read_m * 1e3:.2f} mm for a whole motion")
         if self._toward_m is not None and self._toward_m > _ALONG_M:
             pulled = min(0.0, self._began_m) - filtered
-            if pulled > _PULLED_M + margin:
+            if pulled <= _PULLED_M + margin:
+                self._pushed_s = reading.time_s
+            elif reading.time_s > self._pushed_s + _PULLED_S:
                 raise _doubt(
                     f"it reads {pulled * 1e3:.1f} mm of stretching while the wrist is pressed: is"
                     " its sign right?"
@@ -152,6 +155,7 @@ class Watch:
         if not load.permits(toward_m):
             return False
         self._toward_m = toward_m
+        self._pushed_s = -math.inf if self.last is None else self.last.time_s
         return True
 
     def rest(self) -> None:
