@@ -5,6 +5,7 @@ import pytest
 
 from pliant.cell import Robot, Stop, Workcell
 from pliant.conditions import Setup
+from pliant.errors import RobotFault
 from pliant.formations import Formation
 from pliant.pose import Axis, Pose
 from pliant.task import load_task
@@ -130,6 +131,16 @@ class RobotContract(LimitContract):
         assert leaning_m > 0.00008  # the tool's weight presses less on the wrist
         robot.tare()
         assert abs(robot.observe(cameras=()).compression_m) < 0.0001
+
+    def test_a_wrist_that_is_pressed_is_not_tared(self, robot: Robot, cell: Workcell) -> None:
+        move(robot, BESIDE)
+        move(robot, PRESSED, 0.02, LIMIT_M)
+        with pytest.raises(
+            RobotFault, match=r"pressed by [789]\.\d mm, and does not hang"
+        ) as fault:
+            robot.tare()
+        assert fault.value.kind == "loaded"
+        assert cell.truth().compression_m < LIMIT_M + 0.001
 
     def test_waiting_passes_time_on_the_robots_clock_and_moves_nothing(self, robot: Robot) -> None:
         began, at = robot.clock(), robot.observe(cameras=()).pose

@@ -1,15 +1,18 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stand_ins import UNSEEN, outcome_of, scene_of
+from stand_ins import UNSEEN, motion_to, outcome_of, scene_of
 
-from pliant.cell import Stop
+from pliant.belief import Belief
+from pliant.cell import Motion, Stop, Trace
 from pliant.checks import (
     check,
     compression_check,
+    doubt,
     goal_picture,
     metric_align,
     metric_fit,
@@ -19,8 +22,8 @@ from pliant.checks import (
     table_i,
 )
 from pliant.formations import OWNED, Formation
-from pliant.pose import Axis
-from pliant.records import Check
+from pliant.pose import Axis, Pose
+from pliant.records import Check, Outcome
 from pliant.task import Task, load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Across, Measured, Scene
@@ -266,3 +269,49 @@ def test_a_picture_like_the_goals_passes_and_a_leaning_or_shallow_peg_does_not()
     assert goal_picture(scene_of(tip_z=-0.020), goal).vote is True
     assert goal_picture(scene_of(tip_z=-0.006), goal).vote is False
     assert goal_picture(scene_of(tip_z=-0.020, tilt_deg=7), goal).vote is False
+
+
+# --- whether the wrist's compression can be believed ---------------------------------------------
+
+HANGS = 0.193  # [m] of the hinge point above an upright peg's tip
+
+
+def in_contact(felt: float, *, tip_z: float, z: float, motion: Motion | None = None) -> Outcome:
+    outcome = outcome_of(Formation.CONTACT, scene=scene_of(tip_z=tip_z))
+    seen = replace(outcome.looks[0].observation, compression_m=felt, pose=Pose(z=z))
+    looks = (replace(outcome.looks[0], observation=seen),)
+    return replace(outcome, looks=looks, motions=(motion,) if motion else outcome.motions)
+
+
+def doubted(outcome: Outcome) -> str | None:
+    return doubt(load_task("circle"), outcome, Belief(), shipped())
+
+
+def test_what_is_felt_is_held_against_the_tips_height_in_the_picture() -> None:
+    assert doubted(in_contact(0.005, tip_z=0.0, z=HANGS - 0.005)) is None
+    assert doubted(in_contact(0.003, tip_z=0.005, z=HANGS - 0.003)) is None  # slid in the grasp
+    assert "is felt" in str(doubted(in_contact(0.0, tip_z=0.0, z=HANGS - 0.005)))
+    assert "is felt" in str(doubted(in_contact(0.006, tip_z=0.0, z=HANGS - 0.022)))
+    unseen = replace(in_contact(0.0, tip_z=0.0, z=HANGS - 0.03))
+    unseen = replace(unseen, looks=(replace(unseen.looks[0], scene=UNSEEN),))
+    assert doubted(unseen) is None
+
+
+def press(slope: float, noise: float = 0.0) -> Motion:
+    """Down by 20 mm at 1 mm a sample, of which the last 8 press."""
+    z = 0.2 - 0.001 * np.arange(21)
+    felt = slope * np.maximum(0.0, 0.188 - z)
+    felt += np.random.default_rng(0).normal(0.0, noise, len(z))
+    pose = np.zeros((21, 6))
+    pose[:, 2] = z
+    trace = Trace(time_s=np.linspace(0.0, 1.0, 21), pose=pose, compression_m=felt)
+    return replace(motion_to(Pose(z=0.18)), trace=trace)
+
+
+@pytest.mark.parametrize("slope", [0.4, 0.5, 0.75, 1.3])
+def test_a_press_on_the_board_tells_the_sensors_scale(slope: float) -> None:
+    z = HANGS - 0.008
+    assert doubted(in_contact(0.008, tip_z=0.0, z=z, motion=press(1.0))) is None
+    assert "is felt as" in str(doubted(in_contact(0.008, tip_z=0.0, z=z, motion=press(slope))))
+    noisy = press(slope, noise=0.002)
+    assert doubted(in_contact(0.008, tip_z=0.0, z=z, motion=noisy)) is None

@@ -1,5 +1,6 @@
 import math
 from contextlib import suppress
+from dataclasses import replace
 
 import pytest
 from hypothesis import assume, given
@@ -7,7 +8,7 @@ from hypothesis import strategies as st
 from stand_ins import ScriptedRobot
 
 from pliant.cell import Robot
-from pliant.envelope import Guarded, Limits
+from pliant.envelope import Descent, Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
 
@@ -128,3 +129,39 @@ def test_a_refusal_says_value_and_valid_range_in_millimetres_or_degrees(pose: Po
     axis = next(a for a in Axis if not LIMITS.low[a] <= pose[a] <= LIMITS.high[a])
     assert f"{axis} {axis.to_report(pose[axis]):.1f} {axis.report_unit}" in str(error.value)
     assert f"{axis.to_report(LIMITS.low[axis]):.1f} to" in str(error.value)
+
+
+# --- descents ------------------------------------------------------------------------------------
+
+HANG_M = 0.193
+
+
+@given(st.floats(-0.05, 0.05), st.floats(0.001, 0.019), st.floats(0.12, 0.25))
+def test_what_is_to_touch_a_board_goes_no_lower_than_the_touch_is_due(
+    surface: float, touch: float, z: float
+) -> None:
+    robot = ScriptedRobot()
+    guarded = Guarded(robot, LIMITS)
+    guarded.descent = Descent(surface_z=surface, hang_m=HANG_M, depth_m=0.010)
+    motion = guarded.move_to(Pose(z=z), speed_m_s=0.02, stop_at_compression_m=touch)
+    due = max(-0.02, min(0.02, surface)) + HANG_M - touch
+    assert motion.requested.z == z
+    assert robot.poses[0].z == motion.commanded.z
+    assert motion.commanded.z == pytest.approx(max(z, min(due - 0.010, 0.244)))
+
+
+def test_a_peg_may_go_into_its_hole_but_not_through_the_board() -> None:
+    robot = ScriptedRobot()
+    guarded = Guarded(robot, replace(LIMITS, low=replace(LIMITS.low, z=0.05)))
+    guarded.descent = Descent(surface_z=0.0, hang_m=HANG_M, depth_m=0.010)
+    for z, commanded in ((0.160, 0.160), (0.100, HANG_M - 0.010 - 0.020 - 0.010)):
+        guarded.move_to(Pose(z=z), speed_m_s=0.02, stop_at_compression_m=0.02)
+        assert robot.poses[-1].z == pytest.approx(commanded)
+
+
+def test_an_arm_that_is_lower_already_is_not_lifted_by_it() -> None:
+    robot = ScriptedRobot(pose=Pose(z=0.150))
+    guarded = Guarded(robot, LIMITS)
+    guarded.descent = Descent(surface_z=0.0, hang_m=HANG_M, depth_m=0.010)
+    guarded.move_to(Pose(z=0.140), speed_m_s=0.02, stop_at_compression_m=0.004)
+    assert robot.poses[-1].z == 0.150

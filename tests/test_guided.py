@@ -1,6 +1,7 @@
 """Skills guided by what is seen and felt: how they move, what they believe, what they insert."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,22 +9,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stand_ins import executed
+from stand_ins import ScriptedRobot, executed
 from vlm_cases import blind, wedged
 
 from pliant.belief import Belief, Seen, believed, fold, softly
 from pliant.cell import Stop
 from pliant.conditions import condition
-from pliant.errors import InputError
+from pliant.errors import InputError, RobotFault
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.levels import load_level
 from pliant.pose import Pose
 from pliant.reasoners.rules import Rules
-from pliant.records import Trial
+from pliant.records import Look, Trial
 from pliant.sim.cell import SimCell
 from pliant.skills import kind_of
-from pliant.skills.hand import Frame
+from pliant.skills.hand import Frame, Hand, Manner
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import HoleSeen, Measured, Scene
@@ -243,3 +244,40 @@ def test_skills_that_there_are_not_are_refused_with_those_that_there_are(
 ) -> None:
     with pytest.raises(InputError, match=said):
         kind_of(name)
+
+
+# --- what a touch is held against ----------------------------------------------------------------
+
+
+def hand_at(robot: ScriptedRobot, surface_z: float = 0.0) -> Hand:
+    belief = Belief(surface_z=Measured(value=surface_z, sd=0.0002))
+    task = load_task("square", "L1")
+
+    def look(cameras: Sequence[str] = ("side",)) -> Look:
+        raise AssertionError("nothing is looked at")
+
+    return Hand(Manner(), task, TEACHING, robot, look, Formation.CONTACT, belief)
+
+
+def test_a_descent_that_meets_nothing_is_a_fault() -> None:
+    robot = ScriptedRobot(pose=Pose(z=0.22))
+    with pytest.raises(RobotFault, match=r"nothing was felt down to 160\.0 mm") as fault:
+        hand_at(robot).down(0.06, 0.004)
+    assert fault.value.kind == "no_touch"
+    touching = ScriptedRobot(pose=Pose(z=0.22), blocked_below=0.19)
+    hand = hand_at(touching)
+    hand.down(0.06, 0.004)
+    assert hand.motions[-1].stop is Stop.TOUCH
+
+
+@pytest.mark.parametrize(("surface_z", "hangs"), [(0.0, True), (0.030, True), (0.042, False)])
+def test_a_hand_that_is_too_low_for_its_peg_to_hang_does_not_tare(
+    surface_z: float, hangs: bool
+) -> None:
+    robot = ScriptedRobot(pose=Pose(z=0.22))
+    if hangs:
+        hand_at(robot, surface_z).tare()
+    else:
+        with pytest.raises(RobotFault, match="too low for the peg to hang freely"):
+            hand_at(robot, surface_z).tare()
+    assert robot.calls.count("tare") == hangs

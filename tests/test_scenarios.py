@@ -195,7 +195,7 @@ def test_a_bar_beside_the_hole_leaves_it_free() -> None:
         assert near - 0.006 - rim > 0.0015
 
 
-def trial(scenario: str, end: End, *, inserted: bool = False) -> dict[str, object]:
+def trial(scenario: str, end: str, *, inserted: bool = False) -> dict[str, object]:
     return {
         "level": scenario,
         "skills": GUIDED,
@@ -220,9 +220,12 @@ def test_what_is_right_is_counted_and_a_false_accept_is_not() -> None:
         trial("lying_camera", End.STOPPED),
         trial("lying_camera", End.INSERTED, inserted=True),
         trial("lying_camera", End.INSERTED),
+        trial("dead_sensor", "fault:sensor"),
+        trial("dead_sensor", "fault:camera"),
         trial("L1", End.INSERTED, inserted=True),
     ]
-    blocked, lying = ladder.scenarios(ends)
+    blocked, lying, dead = ladder.scenarios(ends)
+    assert (dead["rightly"]["successes"], dead["stopped"]["successes"]) == (1, 1)
     assert blocked["rightly"]["successes"] == 1
     assert [blocked[n]["successes"] for n in ("stopped", "cap", "exhausted", "false_accepts")] == [
         1

@@ -8,6 +8,7 @@ from robot_contract import TASK, LimitContract, RobotContract, distance, move
 
 from pliant.cell import Robot, Stop
 from pliant.conditions import Setup
+from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.sim.stream import Streamed
@@ -70,3 +71,19 @@ def test_a_peg_that_is_held_fast_stretches_the_wrist_to_its_limit_and_no_further
         assert -0.022 < cell.truth().compression_m < -0.018
     assert move(robot, at, 0.02) is Stop.REACHED
     assert isinstance(robot, SimRobot)
+
+
+def test_a_hand_that_something_holds_back_is_not_where_it_was_sent() -> None:
+    robot = SimCell().prepare(TASK, Setup(seed=0))
+    began = robot.pose()
+
+    def hold() -> None:
+        """As a wall does that the gripper meets."""
+        past = robot.pose().y - (began.y + 0.01)
+        wrist = robot.model.site_bodyid[robot.model.site("hinge").id]
+        robot.data.xfrc_applied[wrist, 1] = -20000.0 * max(0.0, past)
+
+    robot.watch(hold)
+    with pytest.raises(RobotFault, match=r"mm and .* deg from its goal") as fault:
+        move(robot, began.updated({Axis.Y: began.y + 0.05}), 0.02)
+    assert fault.value.kind == "not_reached"

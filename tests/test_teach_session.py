@@ -66,6 +66,13 @@ def test_a_step_goes_along_one_axis_by_the_size_chosen_for_lengths_or_angles() -
     assert_at(session.at, Pose(y=0.010, z=0.2443, roll=Axis.ROLL.from_report(0.5)))
 
 
+def test_a_wrist_that_is_loaded_is_not_tared() -> None:
+    session = begin(HOME)
+    seen = Observation(time_s=0.0, pose=HOME, compression_m=0.0071, views={})
+    assert s.tared(session, seen, loaded=True).note.startswith("not tared: +7.1 mm of compression")
+    assert s.tared(session, seen, loaded=False).note == "compression counts from here"
+
+
 def test_plus_y_is_right_and_minus_roll_leans_right() -> None:
     session = after(begin(HOME), ["right", "up", "."])
     assert session.at.y > 0

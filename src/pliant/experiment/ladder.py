@@ -10,6 +10,7 @@ from pliant.experiment.measures import Row
 from pliant.levels import INSERT, STOP, Level, shipped_levels
 from pliant.records import End
 
+STOPPED_BY = ("fault:no_touch", "fault:sensor", "fault:loaded")
 PAPERS_LEVEL, PAPERS_SKILLS = "L0", "planar"
 _Key = tuple[str, str, str]  # level, skills, reasoner
 
@@ -90,7 +91,7 @@ def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
         "right": level.right,
         "rightly": measures.rate(_is_right(t, level) for t in trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
-        "stopped": measures.rate(end == End.STOPPED for end in ends),
+        "stopped": measures.rate(_has_stopped(end) for end in ends),
         "exhausted": measures.rate(end in (End.EXHAUSTED, End.REFUSED) for end in ends),
         "cap": measures.rate(end == End.CAP for end in ends),
         "false_accepts": measures.rate(t["judged"] and not measures.inserted(t) for t in trials),
@@ -98,7 +99,12 @@ def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
     }
 
 
+def _has_stopped(end_reason: str) -> bool:
+    """By the reasoner, or by what watches the wrist: each says what is wrong."""
+    return end_reason == End.STOPPED or end_reason in STOPPED_BY
+
+
 def _is_right(trial: Row, level: Level) -> bool:
-    stopped = str(trial["end_reason"]) == End.STOPPED
+    stopped = _has_stopped(str(trial["end_reason"]))
     inserted = bool(measures.inserted(trial)) and bool(trial["judged"])
     return (stopped and level.right != INSERT) or (inserted and level.right != STOP)
