@@ -162,7 +162,7 @@ def test_who_knows_the_truth_scores_perfectly_and_its_inverse_the_opposite() -> 
         assert wrong[score]["percent"] == 100
     for score in ("plan_valid", "start_right", "retreat_right", "direction_right"):
         assert right[score]["percent"] == 100, score
-    assert right["own"]["percent"] == 100
+    assert right["own"]["n"] == 0  # no model was asked
     assert (right["stops"]["percent"], right["stops_needlessly"]["percent"]) == (100, 0)
     assert wrong["stops"]["percent"] == 0
     assert wrong["direction_right"]["percent"] == 0
@@ -278,14 +278,15 @@ def test_what_another_answered_in_its_place_is_not_its_own() -> None:
     plans = [
         replace(plan, exchanges=(spoke, spoke)),
         replace(plan, fallback="no reply", exchanges=(spoke,)),
-        replace(plan, clamped=plan.steps),
+        replace(plan, clamped=plan.steps, exchanges=(replace(spoke, refused="too far"),)),
     ]
     marks = [put(question(), "m", lambda _, p=p: Plans(plan=p)) for p in plans]  # type: ignore[misc]
     scored = group(marks)
-    assert (scored["own"]["successes"], scored["own"]["n"]) == (4, 6)
-    assert (scored["requests"], scored["input_tokens"], scored["output_tokens"]) == (3, 270, 30)
-    assert scored["cost_usd"] == pytest.approx(0.03)
-    assert scored["latency_s"]["p50"] == pytest.approx(3.0)
+    assert (scored["own"]["successes"], scored["own"]["n"]) == (1, 3)  # the judge asked no model
+    assert (scored["clamped"], scored["fallbacks"]) == (1, 1)
+    assert (scored["requests"], scored["input_tokens"], scored["output_tokens"]) == (4, 360, 40)
+    assert scored["cost_usd"] == pytest.approx(0.04)
+    assert scored["latency_s"]["p50"] == pytest.approx(2.0)
     unpriced = replace(plan, exchanges=(replace(spoke, cost_usd=None), spoke))
     assert group([put(question(), "m", lambda _: Plans(plan=unpriced))])["cost_usd"] is None
 

@@ -187,8 +187,8 @@ def test_a_model_s_own_decisions_are_told_from_clamped_ones_and_fallbacks() -> N
     clamped = replace(FIT, verdict=asked, recovery=cut)
     fallen = replace(FIT, verdict=asked, recovery=instead)
     rows = rows_of(trial((clamped, BEFORE), (fallen, BEFORE), (FIT, SEATED)))
-    told = {k: rows.trial[k] for k in ("decisions", "clamped", "fallbacks", "tokens")}
-    assert told == {"decisions": 4, "clamped": 1, "fallbacks": 1, "tokens": 9}
+    told = {k: rows.trial[k] for k in ("decisions", "own", "clamped", "fallbacks", "tokens")}
+    assert told == {"decisions": 4, "own": 2, "clamped": 1, "fallbacks": 1, "tokens": 9}
     assert len(rows.executions[0]["clamped_from"]) == 1
     assert rows.executions[1]["recovery_fallback"] == "no reply"
     assert rows.executions[2]["verdict_fallback"] is None

@@ -63,7 +63,7 @@ def test_the_page_holds_each_call_to_the_model_with_its_pictures(folder: Path) -
 
 def test_the_page_sets_proposed_admitted_and_commanded_side_by_side(folder: Path) -> None:
     words = page_of(folder).words
-    assert "Fallback: the rules planned in the model's place. no answer in time" in words
+    assert "The rules planned in the model's place: no answer in time" in words
     assert "Clamped: the model's plan was cut down" in words
     fit, align = "Fit to y −40.0 mm, after a retreat", "Align to y"
     commanded = "Align to y 0.0 mm, execution 4"  # the trial went on as it was

@@ -303,10 +303,10 @@ def test_what_is_no_finished_run_is_refused_with_what_to_do(tmp_path: Path, fold
 def test_a_model_alone_has_failed_where_the_rules_stepped_in() -> None:
     asked: dict[str, Any] = {"decisions": 10, "tokens": 100, "cost_usd": 0.5}
     rows = [
-        made(1, True, **asked),
-        made(2, True, **asked, clamped=1),
-        made(3, True, **asked, fallbacks=2),
-        made(4, False, **asked),
+        made(1, True, **asked, own=10),
+        made(2, True, **asked, own=9, clamped=1),
+        made(3, True, **asked, own=8, fallbacks=2),
+        made(4, False, **asked, own=10),
     ]
     share = measures.model_share([r.trial for r in rows])
     assert share is not None

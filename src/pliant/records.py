@@ -118,8 +118,26 @@ class Exchange:
         return self.input_tokens + self.output_tokens
 
 
+class Decision:
+    """What a verdict and a recovery have in common: who it came from in the end."""
+
+    exchanges: tuple[Exchange, ...]
+    fallback: str
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether the decision was put to a model."""
+        return bool(self.exchanges or self.fallback)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether a model made it: it was asked, and its last reply was used as it came."""
+        answered = bool(self.exchanges) and not self.exchanges[-1].refused
+        return answered and not self.fallback
+
+
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class Verdict(Decision):
     """The judgement of one execution: each source's vote, and what conflicted.
 
     `fallback` says why the rules answered in a model's place; empty: the answer is `by`'s own.
@@ -145,7 +163,7 @@ class FailureAnalysis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recovery:
+class Recovery(Decision):
     """An analysis and the steps that follow from it; no steps: stop. A reasoner that gives no
     Recovery at all keeps to the plan it has.
 
@@ -159,6 +177,11 @@ class Recovery:
     exchanges: tuple[Exchange, ...] = ()
     fallback: str = ""
     clamped: tuple[Step, ...] | None = None
+
+    @property
+    def is_own(self) -> bool:
+        """Whether a model made it, and nothing was cut."""
+        return super().is_own and self.clamped is None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,8 +2,10 @@
 
 import json
 import os
+import sys
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Self
@@ -11,7 +13,7 @@ from typing import Annotated, Self
 import tyro
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from pliant.cli.model import ModelOptions
+from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
@@ -48,22 +50,26 @@ def bench_reasoner(
     makers = _makers(reasoners, model)
     if out is not None:
         _check_writable(out)
+    if VLM in reasoners:
+        model.refuse_silent(model.vlm, partial(print, file=sys.stderr))
     total = len(makers) * (len(chosen) if limit is None else min(limit, len(chosen)))
     with _Shown(total) as shown:
         document = run.run(makers, chosen, limit=limit, on_mark=shown.tell)
     if out is not None:
         write_bytes(out, (json.dumps(document, indent=1) + "\n").encode())
-    Console(soft_wrap=True).print(table.markdown(document), highlight=False, end="")
+    console = Console(soft_wrap=True)
+    console.print(table.markdown(document), highlight=False, end="")
+    if silent := table.undecided(document):
+        told = f"{', '.join(silent)} decided nothing: the row is not its own"
+        console.print(told, style="bold", highlight=False)
+        return UNDECIDED
     return 0
 
 
 def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
     """Who is asked, by the name shown. Each is made once here, so that one that cannot be made is
     refused before anything is asked."""
-    given = [*model.given, *(n for n in ("record", "replay") if getattr(model, n) is not None)]
-    if given and VLM not in names:
-        option = given[0].replace("_", "-")
-        raise InputError(f"--{option} is for a VLM, and no reasoner is one: add vlm to them")
+    model.refuse_without(is_asked=VLM in names)
     makers: dict[str, Make] = {}
     for name in map(located_reasoner, names):
         if name == VLM:

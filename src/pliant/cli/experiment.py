@@ -11,12 +11,13 @@ from rich.prompt import Confirm
 
 from pliant.cli.attended import attended
 from pliant.cli.cells import where
-from pliant.cli.model import ModelOptions
+from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import plan, price, runner
+from pliant.experiment.measures import is_undecided
 from pliant.experiment.plan import Experiment
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
@@ -116,13 +117,26 @@ def experiment(
             replay=model.replay,
             engine=engine,
             again=again is not None,
+            fallback_from_start=model.fallback_from_start,
         )
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
         return 1
-    text = markdown(made_of(out))
+    document = made_of(out)
+    text = markdown(document)
     console.print(text, highlight=False, soft_wrap=True)
     console.print(f"results: {shown(out)}", highlight=False)
+    undecided = [cell for cell in document["cells"] if is_undecided(cell["own"])]
+    names = dict.fromkeys(cell["reasoner"] for cell in undecided)
+    if names:
+        console.print(
+            f"the model of {', '.join(names)} decided nothing in {len(undecided)} of"
+            f" {len(document['cells'])} cells: their rows are not its own; mend the cause, and run"
+            " them again into another folder (--out)",
+            style="bold",
+            highlight=False,
+            soft_wrap=True,
+        )
     if ended.faults:
         console.print(
             f"{ended.faults} of {ended.total} trials were faults, of which nothing is known: see"
@@ -131,7 +145,7 @@ def experiment(
             soft_wrap=True,
         )
         return 1
-    return 0
+    return UNDECIDED if names else 0
 
 
 def _confirm(planned: Experiment, console: Console, yes: bool) -> None:

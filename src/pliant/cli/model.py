@@ -1,5 +1,6 @@
 """Options that choose a VLM and what it is told, the same for every command that reasons."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,8 +10,11 @@ import tyro
 from pliant.errors import InputError
 from pliant.experiment.plan import Experiment
 from pliant.paths import located
+from pliant.reasoners import refuse_silent
 from pliant.reasoners.vlm.settings import Settings
 
+UNDECIDED = 3
+"""Exit status: a model was asked, and decided nothing."""
 _DEFAULT = Settings()
 
 
@@ -23,6 +27,9 @@ class ModelOptions:
     """Keep every request and reply here: a file, or for many trials a folder."""
     replay: Path | None = None
     """Answer from a recording, without a network."""
+    fallback_from_start: bool = False
+    """Go on although the model's very first request, sent before anything moves, is refused: then
+    the rules decide."""
 
     @property
     def given(self) -> dict[str, Any]:
@@ -37,8 +44,19 @@ class ModelOptions:
 
     def check(self, experiment: Experiment) -> None:
         """Raises InputError when options for a model are given and no reasoner asks one."""
+        self.refuse_without(is_asked=bool(experiment.models))
+
+    def refuse_without(self, *, is_asked: bool) -> None:
+        """Raises InputError when options for a model are given and none is asked."""
         given = [name for name in ("record", "replay") if getattr(self, name) is not None]
+        given += ["fallback_from_start"] if self.fallback_from_start else []
         given += self.given
-        if given and not experiment.models:
+        if given and not is_asked:
             option = given[0].replace("_", "-")
             raise InputError(f"--{option} is for a VLM, and no reasoner is one: add vlm to them")
+
+    def refuse_silent(self, settings: Settings, say: Callable[[str], None]) -> None:
+        """Probe the model before anything moves, unless its replies are recorded, or the rules may
+        decide from the start. Raises InputError as `pliant.reasoners.refuse_silent`."""
+        if self.replay is None and not self.fallback_from_start:
+            refuse_silent(settings, say)

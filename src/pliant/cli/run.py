@@ -22,14 +22,15 @@ from pliant.cell import Truth
 from pliant.cli import rehearse
 from pliant.cli.attended import attended
 from pliant.cli.cells import where
-from pliant.cli.model import ModelOptions
+from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.console import Lasting, say
 from pliant.errors import InputError
 from pliant.experiment import faults, journal, plan, results, runner
+from pliant.experiment.measures import is_undecided, model_share
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.plan import Experiment
-from pliant.experiment.rows import exchanges, rows_of
+from pliant.experiment.rows import decided, exchanges, rows_of
 from pliant.experiment.work import attempt
 from pliant.paths import located, shown
 from pliant.pose import describe
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 
 _SPARE = 1 << 28  # [bytes] that must be left: a copy has fewer threads
 _TRY_S = 120  # of a trial's first picture, however slow the machine
+_LOUD = "bold #b35900"
 _SUCCESS, _FAILURE = "#117733", "#882255"  # the paper's green and purple
 
 
@@ -117,6 +119,8 @@ def run(
 
     folder = out or _free_folder(experiment, located("runs") / spec.trial_id)
     teller = _Teller(Lasting(stderr=json, highlight=False, soft_wrap=True))
+    if spec.vlm is not None:
+        model.refuse_silent(spec.vlm, teller.say)
     trajectory = None
     if is_simulated:
         trial, trajectory = _simulated(experiment, spec, folder, teller, model, live=live)
@@ -133,6 +137,8 @@ def run(
     teller.console.check()
     if faults.is_unmeasured(trial.end_reason):
         return 2
+    if is_undecided(model_share([rows_of(trial).trial])):
+        return UNDECIDED
     return 0 if _is_done(trial) else 1
 
 
@@ -291,7 +297,11 @@ class _Teller:
         if (repeat := repeats(self.told)[-1]) is not None:
             line.append(f"; {repeat}")
         self.console.print(line)
+        self._instead("judged", verdict.fallback)
         if execution.recovery is not None:
+            self._instead("planned", execution.recovery.fallback)
+            if execution.recovery.clamped is not None:
+                self._loud("      the model's plan was cut down to what may be done")
             analysis = execution.recovery.analysis
             self.say(f"      what  {analysis.what}")
             self.say(f"      why   {analysis.why}")
@@ -299,6 +309,14 @@ class _Teller:
         if execution.admission is not None:
             for refusal in execution.admission.refusals:
                 self.say(f"      refused  {refusal}")
+
+    def _instead(self, did: str, why: str) -> None:
+        """Say that the rules decided, where they did."""
+        if why:
+            self._loud(f"      the rules {did} in the model's place: {why}")
+
+    def _loud(self, text: str) -> None:
+        self.console.print(Text(text, style=_LOUD))
 
     def end(self, trial: Trial, page: Path) -> None:
         judged = f"judged {'yes' if trial.judged else 'no'}"
@@ -330,3 +348,6 @@ class _Teller:
             f" {trial.simulated_s:.1f} s of robot time, {trial.wall_s:.1f} s of yours"
         )
         self.say(f"page: {shown(page)}")
+        row = rows_of(trial).trial
+        if told := decided(row):
+            (self.say if row["own"] == row["decisions"] else self._loud)(told)

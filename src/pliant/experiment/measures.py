@@ -154,7 +154,7 @@ def placed(trials: Sequence[Row]) -> tuple[float, float] | None:
 def model_share(trials: Sequence[Row]) -> dict[str, Any] | None:
     """What was a model's own: its share of the decisions [%], and the success of the model alone,
     which stops where the rules would step in. None: no model was asked."""
-    decisions = sum(t["decisions"] for t in trials)
+    decisions, made = (sum(t[name] for t in trials) for name in ("decisions", "own"))
     if not decisions:
         return None
     others = {name: sum(t[name] for t in trials) for name in ("clamped", "fallbacks")}
@@ -162,12 +162,31 @@ def model_share(trials: Sequence[Row]) -> dict[str, Any] | None:
     alone = (False if t["clamped"] or t["fallbacks"] else inserted(t) for t in trials)
     return {
         "decisions": decisions,
-        "own_percent": 100 * (decisions - sum(others.values())) / decisions,
+        "own_percent": 100 * made / decisions,
         **others,
         "alone": rate(alone),
         "tokens": sum(t["tokens"] for t in trials) / len(trials),
         "cost_usd": sum(costs) / len(trials) if costs else None,
     }
+
+
+def is_undecided(share: Mapping[str, Any] | None) -> bool:
+    """Whether a model that was asked decided nothing: none of its answers was used, not even cut
+    down. The trials are then not its own."""
+    return share is not None and not share["own_percent"] and not share["clamped"]
+
+
+def is_partly(share: Mapping[str, Any] | None) -> bool:
+    """Whether a model decided some of what it was asked, but not all."""
+    return share is not None and share["own_percent"] < 100 and not is_undecided(share)
+
+
+def name(reasoner: str, share: Mapping[str, Any] | None) -> str:
+    """What to call a reasoner's trials, by its share of the decisions: where its model decided
+    nothing, by who did."""
+    if share is None or not is_undecided(share):
+        return reasoner
+    return f"{'rules' if share['fallbacks'] else 'nobody'} (for {reasoner})"
 
 
 def kinds(trials: Iterable[Row]) -> dict[str, int]:

@@ -10,6 +10,7 @@ from pliant.reasoners.vlm.settings import Decider, Detail, Settings
 _VERDICTS, _RECOVERIES = 6.9, 0.8  # a trial
 _WORDS = 1150  # tokens: characters / 4, and the reply's schema
 _PICTURE = {Detail.LOW: 85, Detail.HIGH: 765}  # tokens of 640 x 480, as OpenAI counts them
+_PROBE = 150  # tokens of the words of the request that is sent first, and the reply's schema
 _REPLY = 250  # tokens: a guess, models differ in how much they say
 
 
@@ -35,15 +36,18 @@ def estimate(experiment: Experiment) -> Estimate | None:
     cells = [c for c in experiment.cells if c.vlm is not None and c.vlm.base_url is None]
     if not cells:
         return None
-    spent = [_trial(cell) for cell in cells]
-    dollars = [_usd(cell, s) for cell, s in zip(cells, spent, strict=True)]
-    known = [d for d in dollars if d is not None]
     n = experiment.trials
+    asked = [(cell, n, _trial(cell)) for cell in cells]
+    asked += [(cell, 1, _probe(cell)) for cell in {cell.vlm: cell for cell in cells}.values()]
+    dollars = [_usd(cell, spent) for cell, _, spent in asked]
+    known = [d for d in dollars if d is not None]
     return Estimate(
         trials=n * len(cells),
-        requests=round(n * sum(requests for requests, _, _ in spent)),
-        tokens=round(n * sum(sent + received for _, sent, received in spent)),
-        usd=n * sum(known) if len(known) == len(dollars) else None,
+        requests=round(sum(times * requests for _, times, (requests, _, _) in asked)),
+        tokens=round(sum(times * (sent + got) for _, times, (_, sent, got) in asked)),
+        usd=sum(times * d for (_, times, _), d in zip(asked, known, strict=True))
+        if len(known) == len(dollars)
+        else None,
     )
 
 
@@ -61,6 +65,12 @@ def _trial(cell: Cell) -> tuple[float, float, float]:
     )
     sent = requests * (_WORDS + pictures * _PICTURE[settings.detail])
     return requests, sent, requests * _REPLY
+
+
+def _probe(cell: Cell) -> tuple[float, float, float]:
+    """The same of the request that is sent before the first trial."""
+    assert cell.vlm is not None
+    return 1.0, _PROBE + cell.vlm.picture * _PICTURE[cell.vlm.detail], _REPLY / 10
 
 
 def _usd(cell: Cell, spent: tuple[float, float, float]) -> float | None:

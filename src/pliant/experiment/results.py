@@ -25,7 +25,7 @@ _AGAIN = "write it again with the command that began the experiment"
 _WHOSE = (
     *("trial_id", "cell", "level", "peg", "skills", "condition", "reasoner", "seed", "judged"),
     *("end_reason", "executions", "moves", "simulated_s", "wall_s"),
-    *("decisions", "clamped", "fallbacks", "tokens"),
+    *("decisions", "own", "clamped", "fallbacks", "tokens"),
 )
 T = TypeVar("T")
 

@@ -14,7 +14,7 @@ from pliant.experiment.columns import axis_field
 from pliant.experiment.one import Spec
 from pliant.formations import RECOVERABLE, Formation, Step
 from pliant.pose import Axis, Partial, Pose
-from pliant.records import End, Exchange, Execution, Recovery, Trial, Verdict
+from pliant.records import Decision, End, Exchange, Execution, Trial
 
 Row = dict[str, Any]
 
@@ -108,6 +108,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") 
             "wall_s": wall_s,
             "failure_kind": "fault",
             "decisions": 0,
+            "own": 0,
             "clamped": 0,
             "fallbacks": 0,
             **_spent([]),
@@ -207,15 +208,27 @@ def _truth(truth: Truth) -> Row:
 
 
 def _asked(trial: Trial) -> Row:
-    """How many decisions a model was asked for, and how many were not its own in the end."""
-    verdicts = [e.verdict for e in trial.executions]
+    """How many decisions a model was asked for, how many were its own in the end, and what became
+    of others. Where the rules may not step in, the rest got no answer at all."""
     plans = [e.recovery for e in trial.executions if e.recovery is not None]
-    made: list[Verdict | Recovery] = [*verdicts, *plans]
+    made: list[Decision] = [*(e.verdict for e in trial.executions), *plans]
     return {
-        "decisions": sum(bool(d.exchanges or d.fallback) for d in made),
+        "decisions": sum(d.is_asked for d in made),
+        "own": sum(d.is_own for d in made),
         "clamped": sum(plan.clamped is not None for plan in plans),
         "fallbacks": sum(bool(d.fallback) for d in made),
     }
+
+
+def decided(trial: Row) -> str:
+    """How much of a trial, given as its row, the model decided that was asked; empty: none was."""
+    asked, own, cut, rules = (trial[n] for n in ("decisions", "own", "clamped", "fallbacks"))
+    if not asked:
+        return ""
+    rest = {"cut down": cut, "by the rules": rules, "not at all": asked - own - cut - rules}
+    others = ", ".join(f"{n} {how}" for how, n in rest.items() if n)
+    noun = "decision" if asked == 1 else "decisions"
+    return f"the model decided {own} of {asked} {noun}{'; ' if others else ''}{others}"
 
 
 def exchanges(execution: Execution) -> list[Exchange]:

@@ -9,7 +9,7 @@ import os
 import re
 from array import array
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -18,13 +18,14 @@ from typing import Any
 
 from pliant import store
 from pliant.errors import InputError
-from pliant.experiment import faults, journal, results
+from pliant.experiment import faults, journal, measures, results
 from pliant.experiment.engine import Ended, Engine, Local, Work
 from pliant.experiment.plan import Experiment, differences
 from pliant.experiment.progress import Silent, Watcher
-from pliant.experiment.rows import Rows, lost
+from pliant.experiment.rows import Rows, decided, lost
 from pliant.experiment.work import Job, Save, perform_job
 from pliant.paths import located
+from pliant.reasoners import refuse_silent
 
 TRIES = 3
 LOST = (faults.WORKER, faults.TIMEOUT)  # problems that another try may not have
@@ -64,6 +65,7 @@ def run(
     work: Work = perform_job,
     engine: Engine | None = None,
     again: bool = False,
+    fallback_from_start: bool = False,
 ) -> Finished:
     """Perform what is missing of an experiment in `folder`, then write its Parquet files.
 
@@ -75,7 +77,9 @@ def run(
     trials in which nothing was measured (`faults` says which): each one's line is replaced when it
     has ended, and nothing else is touched.
 
-    In a simulated cell physics and drawing are tried first, where the trials will be performed.
+    In a simulated cell physics and drawing are tried first, where the trials will be performed. So
+    is every model that is yet to be asked, with one small request, unless `fallback_from_start`
+    lets the rules decide where it is refused.
 
     Raises:
         InputError: the folder holds something else, another configuration, or a damaged journal;
@@ -129,6 +133,11 @@ def run(
             for spec, offset in zip(experiment.specs(), place.offsets, strict=True)
             if offset < 0
         )
+        if replay is None and not fallback_from_start:
+            missing = (s for s, at in zip(experiment.specs(), place.offsets, strict=True) if at < 0)
+            for settings in dict.fromkeys(spec.vlm for spec in missing if spec.vlm is not None):
+                refuse_silent(settings, seen.say)
+        silent = _Silent(experiment, seen.say)
         first = _First(min(ALIKE, len(experiment) - resumed))
         if resumed < len(experiment):
             try:
@@ -147,6 +156,7 @@ def run(
                             offset = book.append(rows)
                         cell = place.put(name, offset, path)
                         seen.finished(cell, rows.trial["inserted"], fault)
+                        silent.tell(cell, rows)
                         if first.are_all(fault):
                             break
             except KeyboardInterrupt as stop:
@@ -163,6 +173,24 @@ def run(
             f" the cause, then the same command with {AGAIN} repeats them and goes on"
         )
     return Finished(total=len(experiment), done=place.done, resumed=resumed, faults=len(faulted))
+
+
+class _Silent:
+    """Says, once for each cell, that a model decided nothing in a whole trial, and why."""
+
+    def __init__(self, experiment: Experiment, say: Callable[[str], None]) -> None:
+        self._experiment, self._say = experiment, say
+        self._said: set[int] = set()
+
+    def tell(self, cell: int, rows: Rows) -> None:
+        if cell in self._said or not measures.is_undecided(measures.model_share([rows.trial])):
+            return
+        self._said.add(cell)
+        names = ("verdict_fallback", "recovery_fallback")
+        causes = (row[name] for row in rows.executions for name in names if row.get(name))
+        why = next(causes, "it gave no usable answer")
+        who = ", ".join(self._experiment.cells[cell].names)
+        self._say(f"{who}: {decided(rows.trial)} in trial '{rows.trial_id}': {why}")
 
 
 class _First:

@@ -179,9 +179,11 @@ def _table4(cells: Sequence[_Cell]) -> list[Document]:
 def _transitions(cells: Sequence[_Cell]) -> list[Document]:
     """Table III per level, peg and reasoner, over all conditions."""
     sums: dict[tuple[str, str, str], dict[str, Counter[str]]] = {}
+    trials: dict[tuple[str, str, str], list[Row]] = {}
     for cell in cells:
         level, peg, _, reasoner = cell.key
         total = sums.setdefault((level, peg, reasoner), {})
+        trials.setdefault((level, peg, reasoner), []).extend(cell.trials)
         for origin, to in cell.transitions.items():
             total.setdefault(origin, Counter()).update(to)
     return [
@@ -191,6 +193,7 @@ def _transitions(cells: Sequence[_Cell]) -> list[Document]:
             "reasoner": reasoner,
             "counts": {o: {f: to[f] for f in map(str, RECOVERABLE)} for o, to in total.items()},
             "paper": paper.table3(peg) if level == "L0" else None,
+            "own": measures.model_share(trials[level, peg, reasoner]),
         }
         for (level, peg, reasoner), total in sums.items()
         if total
@@ -207,9 +210,14 @@ def _pairs(cells: Sequence[_Cell]) -> list[Document]:
             seed: result for seed, result in known.items() if result is not None
         }
     rows: list[Document] = []
+    shares = {
+        reasoner: measures.model_share([t for c in cells if c.key[3] == reasoner for t in c.trials])
+        for reasoner in outcomes
+    }
     for first, second in combinations(outcomes, 2):
         shared = [place for place in outcomes[first] if place in outcomes[second]]
         names = {"first": first, "second": second}
+        names |= {f"{nth}_shown": measures.name(who, shares[who]) for nth, who in names.items()}
         for place in shared:
             found = measures.compare(outcomes[first][place], outcomes[second][place])
             if found is not None:

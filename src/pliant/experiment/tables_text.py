@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from pliant.experiment.columns import KINDS
+from pliant.experiment.measures import is_partly, is_undecided, name
 from pliant.formations import RECOVERABLE
 from pliant.text import escaped
 
 Document = Mapping[str, Any]
+PARTLY = "†"
 REFERENCE = "rules"
 """Against whom reasoners are shown in each cell; the first one where it is not there."""
 
@@ -59,17 +61,19 @@ def markdown(document: Document) -> str:
 def table2(cells: Sequence[Document]) -> str:
     """Table II in the paper's layout, the paper's own figures beside ours."""
     beside = _faults_beside(cells)
-    header = ["peg", "condition", "reasoner", "n", *beside, "F [%]", "G [%]"]
+    header = ["peg", "condition", "reasoner", "n", *beside, "F [%]", "G [%]", *_own_beside(cells)]
     header += [*(str(f) for f in RECOVERABLE), *_PAPERS]
     rows = [
         [*_who(c), str(c["n"]), *(str(c["faults"]) for _ in beside)]
-        + [_outcome(c, "judged"), _outcome(c, "inserted"), *_extra(c), *_theirs(c["paper"])]
+        + [_outcome(c, "judged"), _outcome(c, "inserted"), *_own(c, cells)]
+        + [*_extra(c), *_theirs(c["paper"])]
         for c in cells
     ]
     text = _table(header, rows)
     faults = sum(c["faults"] for c in cells)
     disagreed, n = sum(c["disagreed"] for c in cells), sum(c["n"] for c in cells)
-    return f"{text}\n\nJudged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
+    told = f"Judged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
+    return "\n\n".join([text, told, *marks(r.get("own") for r in cells)])
 
 
 def _section(
@@ -82,49 +86,54 @@ def _section(
 def ladder(rows: Sequence[Document]) -> str:
     """A row per level, skill set and reasoner; the paper's criterion or the level's own depth."""
     beside = _faults_beside(rows)
-    header = ["level", "skills", "reasoner", *beside, "inserted [%]", "judged ≠ inserted [%]"]
+    header = ["level", "skills", "reasoner", *beside, "inserted [%]", *_own_beside(rows)]
+    header += ["judged ≠ inserted [%]"]
     header += ["false accepts [%]", "executions", "motions", "simulated time [s]", "failures"]
-    return _table(
+    table = _table(
         header,
         [
-            [r["level"], r["skills"], r["reasoner"], *(str(r.get("faults", 0)) for _ in beside)]
-            + [_outcome(r, "inserted"), _number(r["wrong"]["percent"], 1)]
+            [r["level"], r["skills"], shown_name(r), *(str(r.get("faults", 0)) for _ in beside)]
+            + [_outcome(r, "inserted"), *_own(r, rows), _number(r["wrong"]["percent"], 1)]
             + [_number(r["false_accepts"]["percent"], 1), _number(r["executions"], 1)]
             + [_number(r["moves"], 0), _number(r["simulated_s"], 0)]
             + [", ".join(f"{n} {kind}" for kind, n in r["failure_kinds"].items()) or "–"]
             for r in rows
         ],
     )
+    return "\n\n".join([table, *marks(r.get("own") for r in rows)])
 
 
 def scenarios(rows: Sequence[Document]) -> str:
     """A row per scenario, skill set and reasoner: how often it ended as is right, and otherwise."""
     beside = _faults_beside(rows)
-    header = ["scenario", "reasoner", *beside, "right is to", "ended so [%]", "inserted", "stopped"]
+    header = ["scenario", "reasoner", *beside, "right is to", "ended so [%]", *_own_beside(rows)]
+    header += ["inserted", "stopped"]
     header += ["ten failures", "cap", "false accepts", "executions", "simulated time [s]"]
     counted = ("inserted", "stopped", "exhausted", "cap", "false_accepts")
-    return _table(
+    table = _table(
         header,
         [
-            [r["scenario"], r["reasoner"], *(str(r.get("faults", 0)) for _ in beside)]
-            + [_RIGHT[r["right"]], _outcome(r, "rightly")]
+            [r["scenario"], shown_name(r), *(str(r.get("faults", 0)) for _ in beside)]
+            + [_RIGHT[r["right"]], _outcome(r, "rightly"), *_own(r, rows)]
             + [str(r[name]["successes"]) for name in counted]
             + [_number(r["executions"], 1), _number(r["simulated_s"], 0)]
             for r in rows
         ],
     )
+    return "\n\n".join([table, *marks(r.get("own") for r in rows)])
 
 
 def table4(cells: Sequence[Document]) -> str:
     """Table IV in the paper's layout, the paper's own figures beside ours."""
     header = ["cell", "reasoner", "hole y [mm]", "angle [°]", "n", "F [%]", "G [%]"]
+    header += _own_beside(cells)
     header += [*(str(f) for f in RECOVERABLE), "faults", "no label", *_PAPERS]
     rows = []
     for c in cells:
         unlabelled = str(c["n"] - c["inserted"]["n"])
         rows.append(
             [c["cell"], _who(c)[2], f"{c['hole_mm']:g}", f"{c['angle_deg']:g}", str(c["n"])]
-            + [_outcome(c, "judged"), _outcome(c, "inserted"), *_extra(c)]
+            + [_outcome(c, "judged"), _outcome(c, "inserted"), *_own(c, cells), *_extra(c)]
             + [str(c["faults"]), unlabelled, *_theirs(c["paper"])]
         )
     text = _table(header, rows)
@@ -133,7 +142,7 @@ def table4(cells: Sequence[Document]) -> str:
             "\n\nIn a simulated cell the trials of a combination are repeats of one trial, in an"
             " emulated one almost so: their intervals tell nothing. The paper's are a real robot's."
         )
-    return text
+    return "\n\n".join([text, *marks(r.get("own") for r in cells)])
 
 
 def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
@@ -143,7 +152,7 @@ def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
         for origin, to in t["counts"].items():
             n = sum(to.values())
             shares = [f"{100 * to[f] / n:.1f}" for f in RECOVERABLE]
-            rows.append([t["peg"], t["reasoner"], origin, *shares, str(n)])
+            rows.append([t["peg"], shown_name(t), origin, *shares, str(n)])
     with_paper = {t["peg"]: t["paper"] for t in transitions if t["paper"] is not None}
     for peg, theirs in with_paper.items():
         for origin, to in theirs.items():
@@ -167,7 +176,7 @@ def pairs(rows: Sequence[Document]) -> str:
         header,
         (
             [
-                f"{r['first']} − {r['second']}",
+                f"{r.get('first_shown', r['first'])} − {r.get('second_shown', r['second'])}",
                 r["peg"] or "all",
                 r["condition"] or "all",
                 str(r["n"]),
@@ -241,7 +250,45 @@ def own(cells: Sequence[Document]) -> str:
     meaning = (
         "G alone counts a trial in which a plan was clamped or the rules stepped in as failed."
     )
-    return f"{_table(header, rows)}\n\n{meaning}"
+    return "\n\n".join([_table(header, rows), meaning, *marks(r.get("own") for r in cells)])
+
+
+def _own_beside(rows: Sequence[Document]) -> list[str]:
+    """The heads of a model's own share and of its success alone, where any row is a model's."""
+    return ["own [%]", "G alone [%]"] if any(row.get("own") for row in rows) else []
+
+
+def _own(row: Document, rows: Sequence[Document]) -> list[str]:
+    """A row's cells under `_own_beside`."""
+    share = row.get("own")
+    if not _own_beside(rows):
+        return []
+    return ["–", "–"] if share is None else [f"{share['own_percent']:.1f}", _rate(share["alone"])]
+
+
+def marks(shares: Iterable[Document | None]) -> list[str]:
+    """What the names of `shown_name` mean, a line each, where they are not the plain ones."""
+    shares = list(shares)
+    lines = []
+    if any(map(is_partly, shares)):
+        lines.append(
+            f"{PARTLY} Not every decision was the model's own: own says how many [%], and G"
+            " alone is its success where a trial with the rules' help counts as failed."
+        )
+    if any(map(is_undecided, shares)):
+        lines.append(
+            "rules (for …): the model that was asked decided nothing, so the row is the rules';"
+            " nobody (for …): nor could they. It says nothing of the model."
+        )
+    return lines
+
+
+def shown_name(row: Document) -> str:
+    """Who a row is of: marked where only some of the decisions were the model's."""
+    model = f" ({row['model']})" if row.get("model") else ""
+    share = row.get("own")
+    mark = f" {PARTLY}" if is_partly(share) else ""
+    return name(row["reasoner"] + model, share) + mark
 
 
 def _table4_section(placed: Sequence[Document]) -> list[str]:
@@ -299,9 +346,8 @@ def _theirs(paper: Document | None) -> list[str]:
 
 
 def _who(cell: Document) -> list[str]:
-    model = f" ({cell['model']})" if cell["model"] else ""
     level = "" if cell["level"] == "L0" else f" {cell['level']}"
-    return [cell["peg"] + level, cell["condition"], cell["reasoner"] + model]
+    return [cell["peg"] + level, cell["condition"], shown_name(cell)]
 
 
 def _rate(rate: Document | None) -> str:

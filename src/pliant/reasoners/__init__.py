@@ -2,16 +2,20 @@
 
 import importlib.util
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pliant.envelope import Limits
 from pliant.errors import InputError, described, unknown
 from pliant.paths import located
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.settings import Decider, Settings
 from pliant.recovery import Reasoner
+
+if TYPE_CHECKING:
+    from pliant.reasoners.vlm.probe import Probe
 
 VLM = "vlm"
 
@@ -97,15 +101,9 @@ def vlm(
         InputError: the extra is not installed, the model is unknown or lacks its key, or a
             recording cannot be used.
     """
-    try:
-        from pliant.reasoners.vlm.reasoner import Vlm
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] != "pydantic_ai":
-            raise
-        raise InputError(
-            "the reasoner vlm needs the extra 'vlm': pip install 'pliant[vlm]'"
-        ) from error
+    _needs_extra()
     from pliant.reasoners.vlm.models import model_of, recorded
+    from pliant.reasoners.vlm.reasoner import Vlm
     from pliant.reasoners.vlm.tape import NoTape, Recorder, Replayer
 
     limits = limits or Limits()
@@ -115,3 +113,51 @@ def vlm(
     asked = model_of(settings)
     kept = NoTape() if record is None else Recorder(record)
     return Vlm(settings=settings, limits=limits, name=name, tape=kept, asked=asked)
+
+
+def probe(settings: Settings) -> "Probe | None":
+    """One small request to the model, before anything moves; None: no decision is asked of it.
+
+    Raises:
+        InputError: as for `vlm`.
+    """
+    if Decider.VLM not in (settings.judge, settings.recover):
+        return None
+    _needs_extra()
+    from pliant.reasoners.vlm.models import model_of
+    from pliant.reasoners.vlm.probe import probe as ask
+
+    return ask(settings, model_of(settings))
+
+
+def refuse_silent(settings: Settings, say: Callable[[str], None]) -> None:
+    """Probe a model, and tell `say` what came of it.
+
+    Raises:
+        InputError: the request was refused in a way that will not pass, or as for `vlm`.
+    """
+    found = probe(settings)
+    if found is None:
+        return
+    who = f"model '{settings.model}'"
+    if found.problem and found.is_final:
+        raise InputError(
+            f"{who} cannot be asked: {found.problem}; nothing has moved: mend it,"
+            " or let the rules decide from the start with --fallback-from-start"
+        )
+    if found.problem:
+        say(f"{who}, asked first ({found}), gave no usable reply: {found.problem}")
+    else:
+        say(f"{who}, asked first, answered ({found})")
+
+
+def _needs_extra() -> None:
+    """Raises InputError when the library of the models is not installed."""
+    try:
+        import pydantic_ai  # noqa: F401
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != "pydantic_ai":
+            raise
+        raise InputError(
+            "the reasoner vlm needs the extra 'vlm': pip install 'pliant[vlm]'"
+        ) from error

@@ -48,6 +48,7 @@ def card(
             "header",
             tag("h3", f"{number} · {name}", id=f"title-{number}"),
             badge(outcome(execution.verdict.success), execution.verdict.success),
+            _instead(execution),
             _video_button(execution.index) if media.filmed else Html(""),
         ),
         Html("") if repeat is None else notice(str(repeat).capitalize()),
@@ -65,6 +66,14 @@ def card(
         class_=f"card {outcome(execution.verdict.success)}",
         aria_labelledby=f"title-{number}",
     )
+
+
+def _instead(execution: Execution) -> Html:
+    """Who decided in a model's place, beside the outcome."""
+    recovery = execution.recovery
+    decisions = {"judged": execution.verdict.fallback, "planned": recovery and recovery.fallback}
+    done = " and ".join(what for what, why in decisions.items() if why)
+    return tag("span", f"{done} by the rules", class_="badge failure") if done else Html("")
 
 
 def aborted(begun: Aborted, number: int, why: str) -> Html:
@@ -183,7 +192,7 @@ def _check(check: Check) -> Html:
 def _verdict(verdict: Verdict, pictures: Pictures) -> Html:
     fallback = Html("")
     if verdict.fallback:
-        fallback = notice(f"Fallback: the rules judged in the model's place. {verdict.fallback}")
+        fallback = notice(f"The rules judged in the model's place: {verdict.fallback}")
     pairs = [
         ("verdict", outcome(verdict.success)),
         ("reason", verdict.reason),

@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 
 from pliant.experiment.columns import KINDS
 from pliant.experiment.statistics import wilson
-from pliant.experiment.tables_text import REFERENCE
+from pliant.experiment.tables_text import REFERENCE, marks, shown_name
 from pliant.formations import RECOVERABLE
 from pliant.report import words
 from pliant.report.charts import Bar, bars, difference
@@ -15,6 +15,7 @@ from pliant.report.html import Html, join, tag
 from pliant.report.parts import table
 
 Document = Mapping[str, Any]
+_OWN = ("own [%]", "G alone [%]")
 
 
 def link(shown: str, **wanted: object) -> Html:
@@ -35,16 +36,18 @@ def place(cell: Document) -> dict[str, object]:
 def table2(cells: Sequence[Document]) -> Html:
     """Table II: success judged (F) and true (G), and average extra executions."""
     head = ["peg", "condition", "reasoner", "n", "failed", "F over G", "F [%]", "G [%]"]
-    head += ["paper's F, G", "extra fit, align, insertion", "paper's"]
+    has_model = any(cell.get("own") for cell in cells)
+    head += [*(_OWN if has_model else ()), "paper's F, G", "extra fit, align, insertion", "paper's"]
     caption = (
         "F: judged inserted. G: truly inserted. n: trials in which the method was measured; faults"
         " are in no rate, and a trial that the cell ended counts as not inserted. Whiskers and"
         " brackets: 95 % Wilson interval. Diamonds: the paper's, whose reasoner is GPT-4o."
     )
-    return table(head, [_table2_row(cell) for cell in cells], caption)
+    rows = [_table2_row(cell, has_model=has_model) for cell in cells]
+    return table(head, rows, " ".join([caption, *marks(c.get("own") for c in cells)]))
 
 
-def _table2_row(cell: Document) -> Html:
+def _table2_row(cell: Document, *, has_model: bool) -> Html:
     judged, true, theirs = cell["judged"], cell["inserted"], cell["paper"]
     shown = bars(
         [
@@ -74,10 +77,17 @@ def _table2_row(cell: Document) -> Html:
         tag("td", shown),
         tag("td", outcome(cell, "judged"), class_="number"),
         tag("td", outcome(cell, "inserted"), class_="number"),
+        *(tag("td", text, class_="number") for text in _own(cell) if has_model),
         tag("td", f"{theirs['judged']:g}, {theirs['inserted']:g}" if theirs else "–"),
         tag("td", extra, class_="number"),
         tag("td", papers_extra or "–", class_="number"),
     )
+
+
+def _own(cell: Document) -> tuple[str, str]:
+    """What stands under `_OWN`."""
+    share = cell.get("own")
+    return ("–", "–") if share is None else (f"{share['own_percent']:.1f}", rate(share["alone"]))
 
 
 def table3(transitions: Sequence[Document]) -> Html:
@@ -109,7 +119,7 @@ def _table3_row(entry: Document, origin: str, to: Mapping[str, int]) -> Html:
     return tag(
         "tr",
         tag("td", _peg(entry)),
-        tag("td", link(entry["reasoner"], **narrowed)),
+        tag("td", link(shown_name(entry), **narrowed)),
         tag("td", origin),
         tag("td", str(n), class_="number"),
         *cells,
@@ -169,7 +179,7 @@ def own(cells: Sequence[Document]) -> Html:
         "G alone counts a trial in which a plan was clamped, or the rules stepped in, as failed."
         " Own: the share of the decisions that the model was asked for and that stood."
     )
-    return table(head, rows, caption)
+    return table(head, rows, " ".join([caption, *marks(c.get("own") for c in cells)]))
 
 
 def pairs(rows: Sequence[Document]) -> Html:
@@ -203,7 +213,10 @@ def _pair(row: Document) -> Html:
 
     return tag(
         "tr",
-        tag("td", f"{row['first']} − {row['second']}"),
+        tag(
+            "td",
+            f"{row.get('first_shown', row['first'])} − {row.get('second_shown', row['second'])}",
+        ),
         tag("td", _peg(row) if row["peg"] else "all"),
         tag("td", row["condition"] or "all"),
         tag("td", str(row["n"]), class_="number"),
@@ -248,8 +261,7 @@ def rate(found: Document) -> str:
 
 def who(cell: Document) -> list[str]:
     """A cell's peg, condition and reasoner."""
-    model = f" ({cell['model']})" if cell["model"] else ""
-    return [_peg(cell), cell["condition"], cell["reasoner"] + model]
+    return [_peg(cell), cell["condition"], shown_name(cell)]
 
 
 def _peg(cell: Document) -> str:

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 
 from pliant.conditions import NOMINAL, PAPER_RANGES
 from pliant.experiment.faults import is_unmeasured
-from pliant.records import Recovery, Trial, Verdict
+from pliant.experiment.rows import decided, exchanges, trial_row
+from pliant.records import Trial
 from pliant.repeats import of_which
 from pliant.report import timeline, words
 from pliant.report.card import Media, aborted, card
 from pliant.report.document import document
 from pliant.report.html import Html, join, tag
-from pliant.report.parts import badge, chapter, facts, outcome, truth_box
+from pliant.report.parts import badge, chapter, facts, notice, outcome, truth_box
 from pliant.report.video import Span
 from pliant.store import Pictures
 
@@ -75,20 +76,26 @@ def _headline(trial: Trial, title: str) -> Html:
     return tag(
         "header",
         tag("div", tag("h1", title), badge(words.end(trial), trial.judged), class_="title"),
+        _not_its_own(trial),
         facts(pairs),
         truth_box(drawn) if drawn else Html(""),
         class_="headline",
     )
 
 
+def _not_its_own(trial: Trial) -> Html:
+    """How much of a trial was not decided by the model that was asked, plainly and first."""
+    row = trial_row(trial)
+    if row["own"] == row["decisions"]:
+        return Html("")
+    return notice(f"{decided(row).capitalize()}.")
+
+
 def _model_calls(trial: Trial) -> list[tuple[str, str]]:
     """What the model was asked and cost, and how often the rules answered in its place."""
-    verdicts = [e.verdict for e in trial.executions]
-    recoveries = [e.recovery for e in trial.executions if e.recovery is not None]
-    decisions: list[Verdict | Recovery] = [*verdicts, *recoveries]
-    calls = [call for decision in decisions for call in decision.exchanges]
-    fallbacks = sum(bool(decision.fallback) for decision in decisions)
-    if not calls and not fallbacks:
+    row = trial_row(trial)
+    calls = [call for execution in trial.executions for call in exchanges(execution)]
+    if not row["decisions"]:
         return []
     costs = [x.cost_usd for x in calls if x.cost_usd is not None]
     tokens = sum(x.tokens for x in calls)
@@ -97,8 +104,9 @@ def _model_calls(trial: Trial) -> list[tuple[str, str]]:
         ("tokens", f"{tokens:,}"),
         ("waited for the model", f"{words.number(sum(x.latency_s for x in calls))} s"),
         ("cost", f"{sum(costs):.4f} USD" if costs else "not known"),
-        ("decided by the rules instead", f"{fallbacks} of {len(decisions)}"),
-        ("plans clamped", str(sum(r.clamped is not None for r in recoveries))),
+        ("decided by the model", f"{row['own']} of {row['decisions']}"),
+        ("decided by the rules instead", f"{row['fallbacks']} of {row['decisions']}"),
+        ("plans clamped", str(row["clamped"])),
     ]
 
 

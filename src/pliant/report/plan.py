@@ -36,9 +36,7 @@ def _departures(found: Recovery) -> Html:
     """Where the plan is not the model's own, plainly."""
     notices = []
     if found.fallback:
-        notices.append(
-            notice(f"Fallback: the rules planned in the model's place. {found.fallback}")
-        )
+        notices.append(notice(f"The rules planned in the model's place: {found.fallback}"))
     if found.clamped is not None:
         notices.append(notice("Clamped: the model's plan was cut down to what may be done."))
     return join(*notices)

@@ -9,7 +9,7 @@ from pliant.errors import InputError, PliantError, described
 from pliant.experiment.bench.answers import CHANGE_M, Answer, change
 from pliant.experiment.bench.cases import Kind, Question
 from pliant.formations import OWNED, Formation, Step
-from pliant.records import Case, Exchange, Recovery, Verdict
+from pliant.records import Case, Decision, Exchange, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 
 Make = Callable[[str], Reasoner]
@@ -46,7 +46,9 @@ class Mark:
     plan: Plan | None
     stop: bool  # whether it was right to stop
     stopped: bool | None
-    own: tuple[bool, ...]  # per decision: neither another's in its place nor cut down
+    own: tuple[bool, ...]  # per decision that asked a model: it made it
+    clamped: int  # plans of a model that were cut down
+    fallbacks: int  # decisions made by the rules in a model's place
     decisions: tuple[tuple[Exchange, ...], ...]  # per decision that asked a model
 
 
@@ -73,16 +75,14 @@ def put(question: Question, name: str, make: Make) -> Mark:
 def _put(question: Question, mind: Reasoner) -> Mark:
     case, key = question.case, question.key
     verdict = mind.judge(case)
-    own = [not verdict.fallback]
-    asked = [verdict.exchanges]
+    made: list[Decision] = [verdict]
     plan = stopped = None
     if key.answer.asks:
         failed = _failure(case) if verdict.success else verdict
         recovery = mind.recover(case, failed)
         plan = _marked(recovery, case, key.answer) if key.answer.steps else None
         stopped = recovery is not None and not recovery.steps
-        own.append(recovery is None or not (recovery.fallback or recovery.clamped is not None))
-        asked.append(recovery.exchanges if recovery is not None else ())
+        made += [recovery] if recovery is not None else []
     return Mark(
         name=question.name,
         kind=key.kind,
@@ -93,8 +93,10 @@ def _put(question: Question, mind: Reasoner) -> Mark:
         plan=plan,
         stop=key.answer.stop,
         stopped=stopped,
-        own=tuple(own),
-        decisions=tuple(exchanges for exchanges in asked if exchanges),
+        own=tuple(d.is_own for d in made if d.is_asked),
+        clamped=sum(isinstance(d, Recovery) and d.clamped is not None for d in made),
+        fallbacks=sum(bool(d.fallback) for d in made),
+        decisions=tuple(d.exchanges for d in made if d.exchanges),
     )
 
 

@@ -50,6 +50,8 @@ def group(marks: Sequence[Mark]) -> Scores:
         "stops": rate(m.stopped for m in marks if m.stop),
         "stops_needlessly": rate(m.stopped for m in marks if m.stopped is not None and not m.stop),
         "own": rate(own for m in marks for own in m.own),
+        "clamped": sum(m.clamped for m in marks),
+        "fallbacks": sum(m.fallbacks for m in marks),
         **_spent([exchanges for m in marks for exchanges in m.decisions]),
     }
 

@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pliant.experiment.measures import is_partly, is_undecided
+from pliant.experiment.measures import name as shown
+from pliant.experiment.tables_text import PARTLY, marks
 from pliant.text import escaped
 
 Document = Mapping[str, Any]
@@ -34,35 +37,39 @@ def markdown(document: Document) -> str:
 
 
 def judging(document: Document) -> str:
+    beside = _own_beside(document)
     rows = [
         [
-            name,
+            _name(name, s),
             str(s["all"]["n"]),
+            *(_own(s) for _ in beside),
             _accuracy(s["all"]["balanced_accuracy"], interval=True),
             _rate(s["all"]["false_accepts"]),
             _rate(s["all"]["false_rejects"]),
         ]
         for name, s in document["reasoners"].items()
     ]
-    header = ["reasoner", "n", "balanced accuracy [%]", "false accepts [%]", "false rejects [%]"]
-    return _table(header, rows)
+    header = ["reasoner", "n", *beside, "balanced accuracy [%]", "false accepts [%]"]
+    return _marked(document, _table([*header, "false rejects [%]"], rows))
 
 
 def planning(document: Document) -> str:
+    beside = _own_beside(document)
     names = ("plan_valid", "start_right", "retreat_right", "direction_right", "reaches")
     rows = [
-        [name, *(_rate(s["all"][score]) for score in names), _toward(s["all"]["toward_mm"])]
+        [_name(name, s), *(_own(s) for _ in beside)]
+        + [*(_rate(s["all"][score]) for score in names), _toward(s["all"]["toward_mm"])]
         for name, s in document["reasoners"].items()
     ]
-    header = ["reasoner", "valid [%]", "resumes right [%]", "retreat right [%]"]
+    header = ["reasoner", *beside, "valid [%]", "resumes right [%]", "retreat right [%]"]
     header += ["direction right [%]", "reaches at once [%]", "toward the goal [mm], median; mean"]
-    return _table(header, rows)
+    return _marked(document, _table(header, rows))
 
 
 def stopping(document: Document) -> str:
     """Of the reasoners that were asked where it is right to stop."""
     rows = [
-        [name, _rate(s["all"]["stops"]), _rate(s["all"]["stops_needlessly"])]
+        [_name(name, s), _rate(s["all"]["stops"]), _rate(s["all"]["stops_needlessly"])]
         for name, s in document["reasoners"].items()
         if s["all"].get("stops", {}).get("n")
     ]
@@ -78,8 +85,8 @@ def spending(document: Document) -> str:
         cost, latency = s["cost_usd"], s["latency_s"]
         rows.append(
             [
-                name,
-                _rate(s["own"]),
+                _name(name, of_name),
+                _own(of_name),
                 str(s["requests"]),
                 f"{tokens:.0f}" if s["requests"] else _NONE,
                 _NONE if cost is None else f"{100 * cost / s['n']:.2f}",
@@ -97,11 +104,47 @@ def grouped(document: Document, by: str) -> str:
     for name, s in document["reasoners"].items():
         for group, g in sorted(s[f"by_{by}"].items()):
             scores = ("false_accepts", "false_rejects", "start_right", "direction_right", "reaches")
-            rates = [_share(g[score]) for score in scores]
+            rates = [_of(g[score]) for score in scores]
             accuracy = _accuracy(g["balanced_accuracy"], interval=False)
-            rows.append([name, group, str(g["n"]), accuracy, *rates])
+            rows.append([_name(name, s), group, str(g["n"]), accuracy, *rates])
     header = ["reasoner", by, "n", "balanced accuracy [%]", "false accepts", "false rejects"]
     return _table(header + ["resumes right", "direction right", "reaches at once"], rows)
+
+
+def undecided(document: Document) -> list[str]:
+    """The reasoners whose model was asked, and decided nothing."""
+    return [name for name, s in document["reasoners"].items() if is_undecided(_share(s))]
+
+
+def _share(scores: Document) -> Document | None:
+    """A model's share of the decisions, as the tables of trials have it; None: none was asked."""
+    s = scores["all"]
+    if not s["requests"]:
+        return None
+    cut = {name: s.get(name, 0) for name in ("clamped", "fallbacks")}
+    return {"own_percent": s["own"]["percent"], **cut}
+
+
+def _name(reasoner: str, scores: Document) -> str:
+    """Who a row is of: not the model where it decided nothing, and marked where it did not decide
+    all."""
+    share = _share(scores)
+    return shown(reasoner, share) + (f" {PARTLY}" if is_partly(share) else "")
+
+
+def _own_beside(document: Document) -> list[str]:
+    """The head of a column of a model's own decisions, where any row is a model's."""
+    return ["own [%]"] if any(map(_share, document["reasoners"].values())) else []
+
+
+def _own(scores: Document) -> str:
+    share = _share(scores)
+    return _NONE if share is None else f"{share['own_percent']:.1f}"
+
+
+def _marked(document: Document, table: str) -> str:
+    """A table, and what its names mean where they are not the plain ones."""
+    return "\n\n".join([table, *marks(map(_share, document["reasoners"].values()))])
 
 
 def _accuracy(score: Document | None, *, interval: bool) -> str:
@@ -117,7 +160,7 @@ def _rate(rate: Document) -> str:
     return f"{rate['percent']:.1f} [{rate['low']:.1f}, {rate['high']:.1f}] of {rate['n']}"
 
 
-def _share(rate: Document) -> str:
+def _of(rate: Document) -> str:
     return f"{rate['successes']} of {rate['n']}" if rate["n"] else _NONE
 
 

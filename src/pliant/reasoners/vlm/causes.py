@@ -16,11 +16,13 @@ from pydantic_ai.exceptions import (
     ModelRateLimitError,
     ModelRequestRejectedError,
     ModelServerError,
+    ModelTimeoutError,
     ModelUnavailableError,
 )
 
 from pliant.reasoners.vlm.words import one_line
 
+_SOON = (408, 409, 425)  # refusals of the moment, whatever the request is
 _SAY = ("message", "error", "detail", "msg", "errors")  # where servers put their words
 
 MAY_PASS = (
@@ -60,9 +62,13 @@ def causes(error: BaseException | None) -> Iterator[BaseException]:
 
 def will_not_pass(error: BaseException) -> bool:
     """Whether the same request, sent again in a while, would meet the same end: it was refused for
-    what it is or whose it is, or nobody is there to hear it."""
+    what it is or whose it is, or nobody is there to hear it or to answer in time."""
+    if isinstance(error, ModelTimeoutError):
+        return True
     if isinstance(error, ModelConnectionError):
-        return error.phase in (None, "connect", "pool") and _is_nobody(error)
+        return _is_nobody(error)
+    if isinstance(error, ModelHTTPError) and not isinstance(error, MAY_PASS):
+        return 400 <= error.status_code < 500 and error.status_code not in _SOON
     return isinstance(error, ModelRequestRejectedError | ModelQuotaExceededError)
 
 

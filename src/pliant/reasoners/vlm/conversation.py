@@ -24,7 +24,7 @@ from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import UsageLimits
 
 from pliant.errors import PliantError
-from pliant.reasoners.vlm.causes import causes, why
+from pliant.reasoners.vlm.causes import causes, why, will_not_pass
 from pliant.reasoners.vlm.settings import Output, Settings
 from pliant.reasoners.vlm.wire import Call, Wire
 from pliant.reasoners.vlm.words import one_line
@@ -41,12 +41,14 @@ _TAG = {Output.TOOL: ToolOutput, Output.NATIVE: NativeOutput, Output.PROMPTED: P
 @dataclass(frozen=True, kw_only=True)
 class Answer(Generic[T]):
     """What became of a question: `value` None where there is no usable reply, and `problem` says
-    why; `refused` is then the last reply that could at least be read."""
+    why; `refused` is then the last reply that could at least be read. `is_final`: the same question
+    would meet the same end, since it was refused, nobody was there, or no reply came in time."""
 
     value: T | None
     problem: str
     refused: T | None
     exchanges: tuple[Exchange, ...]
+    is_final: bool = False
 
 
 def ask(
@@ -98,22 +100,26 @@ def ask(
 
     before = len(wire.calls)
     wire.until = time.monotonic() + deadline_s
-    value, problem = None, ""
+    value, problem, is_final = None, "", False
     try:
         value = _aside(answered, deadline_s + _GRACE_S)
     except PliantError:
         raise
     except TimeoutError:
+        is_final = not any(call.reply for call in wire.calls[before:])
         problem = _after(refusals, f"no usable reply within {settings.deadline_s:g} s")
     except AgentRunError as error:
+        is_final = will_not_pass(error)
         problem = _after(refusals, _flaw(wire.calls[before:]) or _reason(error, wire))
     except Exception as error:  # a server may send anything, and a client library raise anything
+        is_final = True
         problem = _after(refusals, f"{type(error).__name__}: {error}")
     return Answer(
         value=value,
         problem=problem,
         refused=None if value is not None or not read else read[-1],
         exchanges=_exchanges(stage, wire.calls[before:], problem),
+        is_final=is_final,
     )
 
 

@@ -22,11 +22,13 @@ Degrees = Annotated[float, Field(allow_inf_nan=False, ge=-_MOST_DEG, le=_MOST_DE
 Skill = Literal["fit", "align", "insertion"]
 
 
-class _Reply(BaseModel):
+class Strict(BaseModel):
+    """Read as it is written: no field is added, left out or made into another kind."""
+
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-class Judgement(_Reply):
+class Judgement(Strict):
     """Your judgement of the skill that was executed."""
 
     pose_check: Vote = Field(description="What the pose check says of success")
@@ -38,7 +40,7 @@ class Judgement(_Reply):
     success: bool = Field(description="Your final decision on this skill")
 
 
-class Analysis(_Reply):
+class Analysis(Strict):
     """Your analysis of the failure."""
 
     what_happened: Words
@@ -56,7 +58,7 @@ class GuidedAnalysis(Analysis):
     yaw_motion_deg: Degrees = Field(description="Suggested shift from the belief in yaw")
 
 
-class AbsoluteStep(_Reply):
+class AbsoluteStep(Strict):
     skill: Skill
     goal_mm: Millimetres = Field(
         description="Absolute goal: along y for fit and align, along z for insertion"
@@ -64,7 +66,7 @@ class AbsoluteStep(_Reply):
     retreat_first: bool = Field(description="Lift out of the hole and come down again before it")
 
 
-class AbsolutePlan(_Reply):
+class AbsolutePlan(Strict):
     """The skills to execute next, in order, ending with insertion; an empty list means stop."""
 
     steps: list[AbsoluteStep] = Field(max_length=len(Formation))
@@ -76,13 +78,13 @@ class GuidedStep(AbsoluteStep):
     yaw_deg: Degrees = Field(description="Shift from the belief in yaw, likewise")
 
 
-class GuidedPlan(_Reply):
+class GuidedPlan(Strict):
     """The skills to execute next, in order, ending with insertion; an empty list means stop."""
 
     steps: list[GuidedStep] = Field(max_length=len(Formation))
 
 
-class BoundedPlan(_Reply):
+class BoundedPlan(Strict):
     """Where to resume, and how much to change each goal from there to insertion."""
 
     resume_from: Literal["fit", "align", "insertion", "stop"]
