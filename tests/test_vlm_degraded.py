@@ -33,10 +33,11 @@ Behave = Callable[[Loopback, Handler], None]
 
 
 @pytest.fixture(autouse=True)
-def own_server() -> None:
-    """See conftest.py. What is right to say is known before a server's thread is asked: a picture
-    is drawn in one thread only."""
+def own_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    """See conftest.py. A picture is drawn, and its cell given up, in one thread only: what is right
+    to say is known before a server's thread is asked, and the cell is one that stays."""
     simulated()
+    monkeypatch.setattr("pliant.sim.cell.SimCell", lambda: cell_for("circle"))
 
 
 @pytest.fixture
