@@ -1,7 +1,7 @@
 # Needs only python3 with venv, make and git. Everything it makes stays in this folder, except system
 # packages, for drawing pictures and for the browser tests, which tools/ensure_*.sh install for root.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-system docs bench bench-peers clean
+.PHONY: help setup run test test-system bounds docs bench bench-peers clean
 UV_VERSION := 0.13.9
 SEED ?= 1
 BIN := .venv/bin
@@ -30,6 +30,9 @@ test: setup  ## Style, types, layers, the wheel and the tests
 test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a browser
 	@tools/ensure_chromium.sh
 	PYTHONWARNDEFAULTENCODING=1 .cache/venv-system/bin/pytest -m system -n 2 --dist loadfile
+bounds: setup  ## Tests with every dependency at its lowest, then at its highest version
+	tools/try_bounds.sh lowest
+	tools/try_bounds.sh highest
 docs: .cache/venv-docs/.synced  ## The documentation as a site that needs no network: site/index.html
 	tools/build_docs.sh
 bench: setup  ## Measure speed

@@ -26,7 +26,7 @@ def test_several_reasoners_stand_side_by_side_in_tables_and_json(tmp_path: Path)
     for heading in ("## Judging", "## Planning, after true failures", "## By kind of case"):
         assert heading in done.stdout
     document = json.loads(out.read_text(encoding="utf-8"))
-    assert list(document["reasoners"]) == ["rules", "coin", mine]
+    assert list(document["reasoners"]) == ["rules", "coin", Path(mine).name]
     assert document["cases"]["n"] == 5
     assert all(name in done.stdout for name in document["reasoners"])
 
