@@ -30,7 +30,9 @@ _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist.
 def main() -> None:
     """Exit status: 0 inserted or done; 1 not inserted, not complete, or faults among the trials; 2
     wrong usage, something of the machine in the way, or nothing but faults; where a signal ended
-    it, that of the signal: 130 for Ctrl-C."""
+    it, that of the signal: 130 for Ctrl-C.
+    Status 3: a model was asked, and decided nothing.
+    """
     signals.heed()
     replace_unshowable(sys.stdout, sys.stderr)
     try:
