@@ -117,8 +117,8 @@ def undecided(document: Document) -> list[str]:
 
 
 def _share(scores: Document) -> Document | None:
-    """A model's share of the decisions, as the tables of trials have it; None: none was asked, or it
-    was counted in another way: scores of before had no count of those that nobody made."""
+    """A model's share of the decisions, as the tables of trials have it; None: none was asked, or
+    it was counted in another way: scores of before had no count of those that nobody made."""
     s = scores["all"]
     if not s["requests"] or "fallbacks" not in s:
         return None
