@@ -37,8 +37,9 @@ def test_a_back_end_that_cannot_draw_is_refused(
     for screen in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(screen, raising=False)
     monkeypatch.setattr(gl, "find_library", lambda name: None)
+    refuses = gl.must_draw if wanted == "off" else gl.choose_backend
     with pytest.raises(InputError, match=said) as caught:
-        gl.choose_backend()
+        refuses()
     assert "unset it" in str(caught.value)
 
 

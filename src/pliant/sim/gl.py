@@ -18,7 +18,8 @@ _PLATFORM_DEVICE = 0x313F  # EGL_PLATFORM_DEVICE_EXT: without a screen
 
 
 def choose_backend() -> None:
-    """Set MUJOCO_GL where the user has not: EGL if it works, else software OSMesa.
+    """Set MUJOCO_GL where the user has not: EGL if it works, else software OSMesa. One that turns
+    drawing off stays, for what needs no pictures; `must_draw` refuses it where they are drawn.
 
     Raises:
         InputError: MuJoCo was told to use a back end that does not exist, is not installed or draws
@@ -27,6 +28,8 @@ def choose_backend() -> None:
     if sys.platform != "linux":
         return
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wanted in _OFF:
+        return
     if wanted:
         _check(wanted)
     else:
@@ -34,12 +37,20 @@ def choose_backend() -> None:
     _use(os.environ["MUJOCO_GL"].lower().strip())
 
 
-def _check(wanted: str) -> None:
+def must_draw() -> None:
+    """
+    Raises:
+        InputError: MUJOCO_GL turns drawing off.
+    """
+    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
         raise InputError(
             f"MUJOCO_GL is '{wanted}', which turns drawing off, and the method needs pictures:"
             " unset it"
         )
+
+
+def _check(wanted: str) -> None:
     if wanted not in _LIBRARIES and wanted not in _ON:
         raise InputError(
             f"MUJOCO_GL is '{wanted}': valid are egl (graphics card), osmesa (software) and glfw (a"

@@ -13,7 +13,7 @@ from pliant.conditions import Setup
 from pliant.errors import InputError, unknown
 from pliant.sim import constants as c
 from pliant.sim import looks
-from pliant.sim.gl import INSTALL
+from pliant.sim.gl import INSTALL, must_draw
 from pliant.sim.model import SPRINGS
 
 CAMERAS = c.CAMERAS
@@ -73,6 +73,7 @@ class Cameras:
     def _ready(self) -> mujoco.Renderer:
         if self._renderer is None:
             width, height = self._size
+            must_draw()
             try:
                 self._renderer = mujoco.Renderer(self._model, height, width, max_geom=1000)
             except Exception as error:  # the back ends raise what they like
