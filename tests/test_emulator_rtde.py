@@ -55,6 +55,8 @@ def connected(rtde: Rtde) -> tuple[Connection, Wire]:
     connection, wire = rtde.connection(), Wire()
     connection._transport = wire  # type: ignore[assignment]
     rtde.connections.add(connection)
+    connection.data_received(frame("V", struct.pack(">H", 2)))  # as every client begins
+    wire.sent.clear()
     return connection, wire
 
 
@@ -81,6 +83,16 @@ def test_messages_survive_any_cut_of_the_stream(
 def test_what_is_not_rtde_is_hung_up_on(rtde: Rtde) -> None:
     connection, wire = connected(rtde)
     connection.data_received(b"\x00\x01V")
+    assert not wire.is_open
+
+
+@given(st.binary(min_size=1, max_size=9).filter(lambda data: not b"\0\5V".startswith(data[:3])))
+def test_who_does_not_begin_with_the_protocol_is_hung_up_on(
+    controller: Controller, data: bytes
+) -> None:
+    connection, wire = Rtde(controller=controller, wake=lambda: None).connection(), Wire()
+    connection._transport = wire  # type: ignore[assignment]
+    connection.data_received(data)
     assert not wire.is_open
 
 

@@ -1,7 +1,7 @@
 """The admin port: the experiment's side of the emulated cell. One JSON object per line, both ways.
 
 A request names what to `do`; the answer has `ok` true and the result, or `ok` false and `error`.
-docs/emulator.md lists the requests.
+docs/emulator.md lists the requests; those that change something need the emulator's token.
 """
 
 import asyncio
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from pliant import tokens
 from pliant.conditions import Condition, Setup, condition
 from pliant.emulator.faults import Fault, first_problem
 from pliant.emulator.pace import MOST_SPEED, Pacing
@@ -24,6 +25,8 @@ _MOST_LINE = 1 << 16  # [bytes]
 
 class _Request(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    token: str = ""
 
 
 class Describe(_Request):
@@ -131,6 +134,9 @@ Request = Annotated[
     | Stop,
     Field(discriminator="do"),
 ]
+_ANYBODYS = (Describe, State, Truth)
+"""Requests that change nothing, and need no token."""
+
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 _ANSWER: TypeAdapter[dict[str, Any]] = TypeAdapter(dict[str, Any])
 
@@ -140,7 +146,7 @@ def protocol(emulator: "Emulator") -> asyncio.BaseProtocol:
 
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
-            while line := await reader.readline():
+            while (line := await reader.readline()).startswith(b"{"):  # else it is not ours
                 writer.write(_ANSWER.dump_json(await _reply(emulator, line)) + b"\n")
                 await writer.drain()
         except (ConnectionError, ValueError):
@@ -154,7 +160,13 @@ def protocol(emulator: "Emulator") -> asyncio.BaseProtocol:
 
 async def _reply(emulator: "Emulator", line: bytes) -> dict[str, Any]:
     try:
-        return {"ok": True, **await perform(emulator, _REQUEST.validate_json(line))}
+        request = _REQUEST.validate_json(line)
+        if not isinstance(request, _ANYBODYS) and not emulator.is_token(request.token):
+            raise InputError(
+                "the token is not this emulator's: only the user who started it knows it, or set"
+                f" {tokens.VARIABLE} for both"
+            )
+        return {"ok": True, **await perform(emulator, request)}
     except ValidationError as error:
         return {"ok": False, "error": first_problem(error)}
     except PliantError as error:

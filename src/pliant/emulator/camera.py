@@ -7,6 +7,7 @@
 A frame's header `X-Robot-Time` is the controller's time stamp [s] of what it shows.
 """
 
+import ipaddress
 import json
 import multiprocessing
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +16,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Self
+from urllib.parse import urlsplit
 
 import cv2
 import mujoco
@@ -34,7 +36,7 @@ _TYPES = {"jpg": "image/jpeg", "png": "image/png"}
 _JPEG_QUALITY = 95
 _START_S = 60.0
 _BOUNDARY = "frame"
-_UNAVAILABLE, _NOT_FOUND = 503, 404
+_UNAVAILABLE, _NOT_FOUND, _FORBIDDEN = 503, 404, 403
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,11 +104,25 @@ class _Server(ThreadingHTTPServer):
         return self.kept[key]
 
 
+def names_an_address(host: str) -> bool:
+    """Whether an HTTP request's host, with its port or without, is an address and no name: a page
+    of another site may have its own name lead to this machine."""
+    name = urlsplit(f"//{host}").hostname or ""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return name == "localhost"
+    return True
+
+
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
     protocol_version = "HTTP/1.1"
 
     def do_GET(self) -> None:
+        if not names_an_address(self.headers.get("Host", "")):
+            self._send(_FORBIDDEN, "text/plain", b"ask for it by its address\n")
+            return
         fault = self.server.block.read().fault
         if fault is CameraFault.DEAD:
             self.close_connection = True

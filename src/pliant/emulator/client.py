@@ -11,6 +11,7 @@ from tempfile import TemporaryFile
 from types import TracebackType
 from typing import Any, Self
 
+from pliant import tokens
 from pliant.cell import Truth
 from pliant.conditions import Setup
 from pliant.errors import InputError
@@ -37,6 +38,7 @@ class Admin:
                 f"no emulator answers at {host}:{port} ({error.strerror}): start one with"
                 f" '{_COMMAND}'"
             ) from error
+        self._token = tokens.known(host, port)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._lines = self._socket.makefile("rb")
 
@@ -47,7 +49,9 @@ class Admin:
             InputError: the emulator refuses, or is gone.
         """
         try:
-            self._socket.sendall(json.dumps({"do": do, **fields}).encode() + b"\n")
+            self._socket.sendall(
+                json.dumps({"do": do, "token": self._token, **fields}).encode() + b"\n"
+            )
             line = self._lines.readline()
         except OSError as error:
             raise InputError(f"the emulator does not answer: {error}") from error

@@ -5,6 +5,7 @@ import contextlib
 import gc
 import ipaddress
 import os
+import secrets
 import signal
 from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass
@@ -13,15 +14,17 @@ from typing import Any
 
 import numpy as np
 
+from pliant import tokens
 from pliant.conditions import Setup, condition
 from pliant.emulator import admin, faults, frames
 from pliant.emulator.block import Block, CameraFault
 from pliant.emulator.camera import CameraProcess
 from pliant.emulator.controller import FREQUENCY, Controller, SafetyLimits, note
+from pliant.emulator.gripper import REFUSED
 from pliant.emulator.motion import ToolLine, Travel
 from pliant.emulator.pace import MOST_SPEED, Pace, Pacing
 from pliant.emulator.plant import Plant, nominal_payload
-from pliant.emulator.ports import GREETING, Dashboard, Lines, Scripts
+from pliant.emulator.ports import GREETING, NOT_UNDERSTOOD, Dashboard, Lines, Scripts
 from pliant.emulator.rtde import Rtde
 from pliant.errors import InputError
 from pliant.sim import constants as c
@@ -149,8 +152,13 @@ class Emulator:
         self.controller.on_tick.append(self._after_tick)
         self._dashboard = Dashboard(self.controller)
         self._stopping = asyncio.Event()
+        self._token = ""  # nobody knows it before the ports are open
         self._peg = options.peg
         block.write(self.controller.time_s, plant.qpos)
+
+    def is_token(self, token: str) -> bool:
+        """Whether somebody knows the emulator's token."""
+        return secrets.compare_digest(token.encode(), self._token.encode())
 
     # --- the experiment's side -------------------------------------------------------------------
 
@@ -283,6 +291,14 @@ class Emulator:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             loop.add_signal_handler(number, self.stop)
         await self._open()
+        options = self._options
+        self._token = tokens.make(options.host, options.admin_port)
+        try:
+            await self._serve(camera, say)
+        finally:
+            tokens.remove(options.host, options.admin_port)
+
+    async def _serve(self, camera: CameraProcess, say: Callable[[str], None]) -> None:
         await asyncio.to_thread(camera.wait)
         gc.freeze()  # models and libraries: nothing that the collector need visit again
         tasks = [asyncio.create_task(job) for job in self._jobs()]
@@ -306,8 +322,8 @@ class Emulator:
         factories: list[tuple[int, Callable[[], asyncio.BaseProtocol]]] = [
             (RTDE_PORT, self.rtde.connection),
             (SCRIPT_PORT, lambda: Scripts(controller, self.pace.wake)),
-            (DASHBOARD_PORT, lambda: Lines(self._dashboard.answer, GREETING)),
-            (GRIPPER_PORT, lambda: Lines(controller.gripper.answer)),
+            (DASHBOARD_PORT, lambda: Lines(self._dashboard.answer, NOT_UNDERSTOOD, GREETING)),
+            (GRIPPER_PORT, lambda: Lines(controller.gripper.answer, REFUSED)),
             (self._options.admin_port, lambda: admin.protocol(self)),
         ]
         for port, factory in factories:

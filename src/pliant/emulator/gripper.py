@@ -6,6 +6,9 @@ or losing the peg, changes what the gripper reports, not the physics.
 
 from enum import IntEnum
 
+REFUSED = "nack"
+"""The reply to what is no request."""
+
 _CLOSED, _HOLDING = 255, 120  # positions: fully closed, and closed on a peg
 _FASTEST, _SLOWEST = 400.0, 55.0  # [1/s] in units of position
 _ACTIVATION_S = 1.5
@@ -62,7 +65,7 @@ class Gripper:
         pairs = dict(zip(words[1::2], words[2::2], strict=False))
         valid = all(k in _WRITABLE and v.isdigit() and int(v) <= 255 for k, v in pairs.items())
         if words[:1] != ["SET"] or not pairs or len(words) % 2 == 0 or not valid:
-            return "nack"
+            return REFUSED
         for name, value in pairs.items():
             self._write(name, int(value))
         return "ack"

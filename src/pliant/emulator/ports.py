@@ -13,6 +13,7 @@ _MOST_LINE = 4096  # [bytes]
 _MOST_SCRIPT = 1 << 20  # [bytes]
 _CONTROL_PROGRAM = "rtde_control"
 _DEFINITION = re.compile(r"^\s*def\s+(\w+)\s*\(", re.MULTILINE)
+_FIRST_WORDS = ("def ", "sec ")
 _PATH_MARK = "# inject move path\n"
 _NUMBER = r"[-+0-9.eE]+"
 _MOVE = re.compile(
@@ -22,10 +23,11 @@ _MOVE = re.compile(
 
 
 class Lines(asyncio.Protocol):
-    """Answers each line that a client sends."""
+    """Answers each line that a client sends; hangs up on the first that is none of its own, whose
+    answer begins with `refusal`: a web page's request may hold, further down, one that is."""
 
-    def __init__(self, answer: Callable[[str], str], greeting: str = "") -> None:
-        self._answer, self._greeting = answer, greeting
+    def __init__(self, answer: Callable[[str], str], refusal: str, greeting: str = "") -> None:
+        self._answer, self._refusal, self._greeting = answer, refusal, greeting
         self._buffer = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -37,13 +39,18 @@ class Lines(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         *lines, self._buffer = (self._buffer + data).split(b"\n")
         for line in lines:
-            self._transport.write(self._answer(line.decode("utf-8", "replace").strip()).encode())
+            answer = self._answer(line.decode("utf-8", "replace").strip())
+            self._transport.write(answer.encode())
+            if answer.startswith(self._refusal):
+                self._transport.close()
+                return
         if len(self._buffer) > _MOST_LINE:
             self._transport.abort()
 
 
 # --- dashboard -----------------------------------------------------------------------------------
 
+NOT_UNDERSTOOD = "could not understand"
 GREETING = "Connected: Universal Robots Dashboard Server\n"
 
 
@@ -84,7 +91,7 @@ class Dashboard:
         if words.startswith("addtolog "):
             return "Added log message\n"
         answer = self._answers.get(words)
-        return (answer() if answer else f"could not understand: '{line}'") + "\n"
+        return (answer() if answer else f"{NOT_UNDERSTOOD}: '{line}'") + "\n"
 
     def _running(self) -> str:
         return f"Program running: {str(self._c.runtime is Runtime.PLAYING).lower()}"
@@ -135,6 +142,9 @@ class Scripts(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         self._buffer += data.decode("utf-8", "replace")
+        if not begins(self._buffer):
+            self._transport.abort()  # no script: a web page's request may hold one further down
+            return
         while "\nend\n" in self._buffer:
             script, self._buffer = self._buffer.split("\nend\n", 1)
             self._play(script + "\n")
@@ -149,6 +159,16 @@ class Scripts(asyncio.Protocol):
             return
         self._controller.play(path_in(script))
         self._wake()
+
+
+def begins(script: str) -> bool:
+    """Whether a text is a script, or may become one when more of it has come: after empty lines and
+    comments it defines a program."""
+    for line in script.splitlines():
+        words = line.strip()
+        if words and not words.startswith("#"):
+            return words.startswith(_FIRST_WORDS) or any(w.startswith(words) for w in _FIRST_WORDS)
+    return True
 
 
 def path_in(script: str) -> tuple[Waypoint, ...]:

@@ -16,6 +16,7 @@ from pliant.emulator.outputs import FORMATS, VARIABLES, Getter
 VERSION = (5, 12, 6, 1)  # PolyScope's, as reported: from 5.23 on clients expect more registers
 _HEADER = struct.Struct(">HB")
 _PROTOCOL = 2
+_ASKS_FOR_PROTOCOL = _HEADER.pack(5, ord("V"))
 _MOST_UNSENT = 1 << 16  # [bytes]; a client that does not read misses packages
 
 
@@ -39,6 +40,11 @@ def frames_in(buffer: bytearray) -> Iterator[tuple[str, bytes]]:
         body = bytes(buffer[_HEADER.size : size])
         del buffer[:size]
         yield chr(command), body
+
+
+def is_begun(buffer: bytearray) -> bool:
+    """Whether what a client sends first begins as RTDE does: by asking for the protocol."""
+    return _ASKS_FOR_PROTOCOL.startswith(bytes(buffer[: len(_ASKS_FOR_PROTOCOL)]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,6 +154,7 @@ class Connection(asyncio.Protocol):
         self._outputs: list[Getter] = []
         self._format = struct.Struct(">")
         self._started = False
+        self._is_known = False
         self.every = 1  # ticks between packages
 
     # --- asyncio.Protocol ------------------------------------------------------------------------
@@ -168,6 +175,10 @@ class Connection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         self._buffer += data
+        if not (self._is_known or is_begun(self._buffer)):
+            self._transport.abort()  # not RTDE
+            return
+        self._is_known |= len(self._buffer) >= len(_ASKS_FOR_PROTOCOL)
         try:
             for command, body in frames_in(self._buffer):
                 self._handle(command, body)

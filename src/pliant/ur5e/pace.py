@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from pliant import tokens
 from pliant.errors import InputError
 from pliant.ur5e.configuration import Configuration
 
@@ -78,6 +79,7 @@ class AdminPort:
                 f"no emulated cell answers at {address}:{port} ({error}): start one with"
                 " 'python -m pliant.emulator', or leave 'emulator' out of the cell's file"
             ) from error
+        self._token = tokens.known(address, port)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._lines = self._socket.makefile("rb")
 
@@ -88,7 +90,9 @@ class AdminPort:
             InputError: the emulator refuses.
             OSError: it is gone, or (TimeoutError) does not answer in time.
         """
-        self._socket.sendall(json.dumps({"do": do, **fields}).encode() + b"\n")
+        self._socket.sendall(
+            json.dumps({"do": do, "token": self._token, **fields}).encode() + b"\n"
+        )
         line = self._lines.readline()
         if not line:
             raise ConnectionResetError("the emulator has ended")
