@@ -15,6 +15,9 @@ settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 pydantic_ai.models.ALLOW_MODEL_REQUESTS = False
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # what a test starts says what it says to a user
+    os.environ.pop("PYTHONWARNDEFAULTENCODING", None)
+
 
 @pytest.fixture(autouse=True)
 def _only_own_servers_are_asked(request: pytest.FixtureRequest) -> Iterator[None]:

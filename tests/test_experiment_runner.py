@@ -388,7 +388,7 @@ def test_a_run_that_was_killed_before_it_began_leaves_a_folder_that_can_be_used(
     assert may_hold(experiment(), tmp_path)
     prepare(experiment(), tmp_path)
     (tmp_path / store.RUN).unlink()
-    (tmp_path / journal.FILE).write_text("somebody's\n")
+    (tmp_path / journal.FILE).write_text("somebody's\n", encoding="utf-8")
     with pytest.raises(InputError, match="holds something else"):
         prepare(experiment(), tmp_path)
 

@@ -47,6 +47,6 @@ def test_a_back_end_that_cannot_draw_is_refused(
 def test_mujoco_may_be_imported_before_pliant() -> None:
     env = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
     done = subprocess.run(
-        [sys.executable, "-c", FIRST], capture_output=True, text=True, env=env, check=True
+        [sys.executable, "-c", FIRST], capture_output=True, encoding="utf-8", env=env, check=True
     )
     assert done.stdout.strip() in ("mujoco.egl", "mujoco.osmesa")

@@ -104,6 +104,8 @@ def trial(level: str, *, judged: bool, inserted: bool) -> dict[str, object]:
         "moves": 40,
         "executions": 5,
         "simulated_s": 30.0,
+        "decisions": 0,
+        "own": 0,
         "failure_kind": None if judged == inserted else "misjudged",
     }
 

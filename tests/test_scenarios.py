@@ -207,6 +207,8 @@ def trial(scenario: str, end: str, *, inserted: bool = False) -> dict[str, objec
         "moves": 40,
         "executions": 5,
         "simulated_s": 30.0,
+        "decisions": 0,
+        "own": 0,
         "failure_kind": None,
     }
 

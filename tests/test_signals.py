@@ -66,7 +66,7 @@ def script(tmp_path: Path, text: str) -> "Iterator[subprocess.Popen[str]]":
     path = tmp_path / "script.py"
     path.write_text(text, encoding="utf-8")
     with subprocess.Popen(
-        [sys.executable, path], start_new_session=True, stdout=subprocess.PIPE, text=True
+        [sys.executable, path], start_new_session=True, stdout=subprocess.PIPE, encoding="utf-8"
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"

@@ -163,7 +163,7 @@ def test_a_wrist_that_hangs_free_again_after_a_motion_reads_zero() -> None:
 def test_tare_counts_from_here() -> None:
     robot = prepared()
     go(robot, BESIDE_HOLE)
-    go(robot, BESIDE_HOLE.updated({Axis.Z: 0.185}))
+    go(robot, BESIDE_HOLE.updated({Axis.Z: 0.190}))
     robot.settle(0.5)
     assert robot.compression() > 0.003
     robot.tare()

@@ -391,7 +391,8 @@ def press_on_board(peg: str, lean: float) -> Press:
         if robot.compression() > LIMIT:
             break
     robot.halt()
-    robot.settle(1.0)
+    for _ in range(round(1.0 / c.TIMESTEP)):
+        mujoco.mj_step(model, data)
     wrench, force = np.zeros(6), 0.0
     for i, contact in enumerate(data.contact):
         mujoco.mj_contactForce(model, data, i, wrench)

@@ -83,7 +83,7 @@ def test_there_is_one_way_to_the_terminal() -> None:
     for path in root.rglob("*.py"):
         if path == root / "console.py":
             continue
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module == "rich.console":
                 assert "Console" not in [name.name for name in node.names], path
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):

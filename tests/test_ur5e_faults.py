@@ -270,7 +270,11 @@ def test_who_asks_a_trial_to_end_gets_a_halt_by_the_driver_and_the_record(
     endless = ["--condition", "none", "--hole-y-mm", "20", "20", "--reasoner", "retry"]
     command: list[str | Path] = [pliant, "run", "--cell", file, "--out", out, *endless]
     trial = subprocess.Popen(
-        command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        command,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
     )
     number = getattr(signal, name)
     with when_moving(HOST, lambda admin: ask(trial.pid, number)) as happened:

@@ -280,7 +280,7 @@ def kept_trials(run: Path) -> list[Path]:
 
 def _may_hold(path: Path) -> bool:
     try:
-        return path.is_file()
+        return path.exists()
     except OSError:  # reading it says why
         return True
 

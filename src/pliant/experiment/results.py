@@ -157,7 +157,7 @@ def _read(
                             f"'{path}' is broken: '{name}' is missing in a row; {_AGAIN}"
                         )
                 yield batch
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
         said = " ".join(str(error).split())[:_MOST_SAID]
         raise InputError(f"'{path}' is broken ({said}); {_AGAIN}") from error
 
