@@ -5,15 +5,19 @@ from stand_ins import cell_for
 from pliant.conditions import Condition
 from pliant.experiment.one import Spec, perform
 from pliant.export.track import Track, track
+from pliant.records import Trial
 from pliant.task import load_task
 from pliant.teaching import shipped
 
 
-def tracked(**drawn: float) -> Track:
+def performed(**drawn: float) -> Trial:
     of = Condition(name="mine", ranges={name: (value, value) for name, value in drawn.items()})
     spec = Spec(task=load_task("circle"), condition=of, seed=1, reasoner="none")
-    cell = cell_for("circle")
-    return track(perform(spec, cell, shipped()), cell.trajectory(), 10)
+    return perform(spec, cell_for("circle"), shipped())
+
+
+def tracked(**drawn: float) -> Track:
+    return track(performed(**drawn), cell_for("circle").trajectory(), 10)
 
 
 def test_the_compression_is_the_one_that_was_read() -> None:
@@ -22,3 +26,9 @@ def test_the_compression_is_the_one_that_was_read() -> None:
     assert true.max() > 0.003
     noise = tracked(compression_noise=0.0003).compression_m - true
     assert 0.0001 < noise.std() < 0.0006
+
+
+def test_a_dead_sensor_ends_the_trial_before_anything_that_it_read_could_be_sampled() -> None:
+    dead = performed(compression_dead=1.0)
+    assert dead.end_reason == "fault:sensor"
+    assert dead.executions == ()

@@ -98,7 +98,8 @@ def replayable(source: Source) -> tuple[Saved, ...]:
     )
     if not found:
         raise InputError(
-            f"'{source.folder}' kept no trial with a trajectory: only simulated trials have one"
+            f"'{source.folder}' kept no trial whose motion can be replayed: a simulated one"
+            " that ended at least one execution"
         )
     return found
 
