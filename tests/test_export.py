@@ -242,7 +242,8 @@ def test_train_and_test_share_neither_seeds_nor_pictures(asked: Path) -> None:
 
 def test_the_documents_snippet_reads_the_corrections(asked: Path, tmp_path: Path) -> None:
     text = (Path(__file__).parent.parent / "docs/datasets.md").read_text(encoding="utf-8")
-    code = text.split("```python\n")[2].split("```")[0]
+    blocks = [block.split("```")[0] for block in text.split("```python\n")[1:]]
+    (code,) = (block for block in blocks if "exports/failure-qa" in block)
     (tmp_path / "exports").mkdir()
     (tmp_path / "exports/failure-qa").symlink_to(asked)
     command = [sys.executable, "-c", code]
