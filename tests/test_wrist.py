@@ -40,7 +40,7 @@ def ended(watch: Watch, toward: float, readings: Iterable[float], stop_at: float
     first, *rest = readings
     if not watch.begin(first, toward, stop_at):
         return True
-    return any(take(watch, reading).ends(MARGIN_M) for reading in rest)
+    return any(take(watch, reading).ends(reading, MARGIN_M) for reading in rest)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -141,7 +141,7 @@ def test_a_press_that_reads_as_stretching_has_the_wrong_sign() -> None:
     pressing(-0.001, -0.0025, -0.004, toward=UP)
     pressing(-0.001, -0.007, -0.001)  # a swing
     peg_popped_in = pressing(0.012, 0.001, -0.002)
-    assert not peg_popped_in.ends(MARGIN_M)
+    assert not peg_popped_in.ends(-0.002, MARGIN_M)
 
 
 def test_a_jump_that_no_wrist_could_make_is_found() -> None:
@@ -159,3 +159,10 @@ def test_a_wrist_that_does_not_hang_where_it_hung_is_not_tared() -> None:
         assert fault.value.kind == "loaded"
     watch.forget()
     watch.tare(0.3)
+
+
+def test_a_motion_before_the_first_tare_is_watched_as_well() -> None:
+    watch = Watch()
+    assert watch.begin(0.0, DOWN, LIMIT_M)
+    assert not watch.ends(0.001, MARGIN_M)
+    assert watch.ends(0.0215, MARGIN_M)

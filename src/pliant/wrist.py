@@ -162,12 +162,11 @@ class Watch:
         """The motion has ended."""
         self._toward_m = None
 
-    def ends(self, margin_m: float, earlier_m: float = 0.0) -> bool:
-        """Whether the last reading ends the motion: past the motion's limit, or stretched past the
+    def ends(self, compression_m: float, margin_m: float, earlier_m: float = 0.0) -> bool:
+        """Whether this reading ends the motion: past the motion's limit, or stretched past the
         wrist's, less `earlier_m` for braking. Where the wrist is past it already a motion may only
-        unload, `margin_m` besides."""
-        assert self.last is not None  # since the motion began
-        compression_m = self.last.filtered_m
+        unload, `margin_m` besides. It needs no reading before it: an arm that has not been tared
+        yet moves, too."""
         self._pressed_m = min(self._pressed_m, compression_m)
         self._stretched_m = min(self._stretched_m, -compression_m)
         pressed = compression_m > max(self._stop_at_m - earlier_m, self._pressed_m + margin_m)

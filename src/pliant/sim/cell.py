@@ -300,7 +300,7 @@ class SimRobot:
             self._control()
             watched = self._watched()
             peak = max(peak, watched)
-            ends = self._wrist.ends(margin)
+            ends = self._wrist.ends(watched, margin)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
                 self._sample(samples, self.compression())
             if ends and stop is Stop.REACHED:

@@ -223,7 +223,7 @@ class _Driver:
         while arm.is_moving():
             self._look()
             samples.take_if_due(self._now(), compression.now)
-            if is_reached and self._wrist.ends(compression.margin, earlier):
+            if is_reached and self._wrist.ends(compression.now, compression.margin, earlier):
                 is_reached = False
                 arm.stop()
         self._wrist.rest()
