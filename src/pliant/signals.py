@@ -34,7 +34,8 @@ def heed() -> None:
 
 
 def ignore() -> None:
-    """This process works for another, which is asked to end as well and ends it in good order."""
+    """From now on none of the three does anything: this process is ending already, or works for
+    another, which is asked to end as well and ends it in good order."""
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
 

@@ -55,6 +55,7 @@ def main() -> None:
     except MemoryError:
         _leave(2, "out of memory: end other programs, or raise the limit (ulimit -v)")
     except KeyboardInterrupt as stop:
+        signals.ignore()  # who presses Ctrl-C again is not to take the exit status away
         _leave(signals.exit_status(), shortened(": ".join(["interrupted", *map(str, stop.args)])))
 
 
