@@ -110,6 +110,20 @@ class RobotContract(LimitContract):
         assert pressed_m < LIMIT_M + 0.001
         assert distance(robot.observe(cameras=()).pose, motion.ended) < 0.0005
 
+    def test_a_straight_press_tells_how_the_wrists_sensor_answers(self, robot: Robot) -> None:
+        move(robot, BESIDE)
+        robot.settle(1.0)
+        free = robot.move_to(
+            BESIDE.updated({Axis.Z: BESIDE.z - 0.02}), speed_m_s=0.02, stop_at_compression_m=0.02
+        )
+        assert free.answer is None
+        press = robot.move_to(PRESSED, speed_m_s=0.02, stop_at_compression_m=LIMIT_M)
+        assert press.answer is not None
+        assert press.answer.is_within(2.0)
+        assert press.answer.slope == pytest.approx(1.0, abs=0.1)
+        up = robot.move_to(BESIDE, speed_m_s=0.02, stop_at_compression_m=0.02)
+        assert up.answer is None
+
     def test_a_wrist_at_its_limit_is_relieved_but_not_pressed_on(
         self, robot: Robot, cell: Workcell
     ) -> None:

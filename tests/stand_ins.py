@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from types import TracebackType
 from typing import Self
@@ -32,8 +32,10 @@ from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
+from pliant.wrist import Answer
 
 PEGS = ("circle", "square", "rectangle")
+ANSWERS = Answer(slope=1.0, sd=0.0)
 UNSEEN = Scene(peg=None, hole=None, problems=("no peg: scripted", "no hole: scripted"))
 
 
@@ -205,11 +207,13 @@ class ScriptedRobot:
     """Goes exactly where it is told, sees an empty picture, and keeps what was asked of it.
 
     `fault` names a call and at which of its uses it breaks: ("observe", 2).
-    `blocked_below` is a height [m] under which every motion ends by compression.
+    `blocked_below` is a height [m] under which every motion ends by compression; `answer` is how
+    its wrist answers in every motion.
     """
 
     fault: tuple[str, int] | None = None
     blocked_below: float = -math.inf
+    answer: Answer | None = ANSWERS
     pose: Pose = Pose(z=0.244)
     calls: list[str] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
@@ -235,7 +239,8 @@ class ScriptedRobot:
         self.compression_limits.append(stop_at_compression_m)
         blocked = pose.z < self.blocked_below
         self.pose = pose.updated({Axis.Z: self.blocked_below}) if blocked else pose
-        return motion_to(pose, self.pose, Stop.COMPRESSION if blocked else Stop.REACHED)
+        stop = Stop.COMPRESSION if blocked else Stop.REACHED
+        return replace(motion_to(pose, self.pose, stop), answer=self.answer)
 
     def settle(self, seconds: float) -> None:
         self._called("settle")

@@ -1,14 +1,13 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from stand_ins import UNSEEN, motion_to, outcome_of, scene_of
 
 from pliant.belief import Belief
-from pliant.cell import Motion, Stop, Trace
+from pliant.cell import Motion, Stop
 from pliant.checks import (
     check,
     compression_check,
@@ -27,6 +26,7 @@ from pliant.records import Check, Outcome
 from pliant.task import Task, load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Across, Measured, Scene
+from pliant.wrist import Answer
 
 CIRCLE, RECTANGLE = load_task("circle"), load_task("rectangle")
 FORMATIONS = st.sampled_from(list(Formation))
@@ -297,21 +297,14 @@ def test_what_is_felt_is_held_against_the_tips_height_in_the_picture() -> None:
     assert doubted(unseen) is None
 
 
-def press(slope: float, noise: float = 0.0) -> Motion:
-    """Down by 20 mm at 1 mm a sample, of which the last 8 press."""
-    z = 0.2 - 0.001 * np.arange(21)
-    felt = slope * np.maximum(0.0, 0.188 - z)
-    felt += np.random.default_rng(0).normal(0.0, noise, len(z))
-    pose = np.zeros((21, 6))
-    pose[:, 2] = z
-    trace = Trace(time_s=np.linspace(0.0, 1.0, 21), pose=pose, compression_m=felt)
-    return replace(motion_to(Pose(z=0.18)), trace=trace)
+def answered(slope: float, sd: float = 0.0) -> Motion:
+    return replace(motion_to(Pose(z=0.18)), answer=Answer(slope=slope, sd=sd))
 
 
 @pytest.mark.parametrize("slope", [0.4, 0.5, 0.75, 1.3])
 def test_a_press_on_the_board_tells_the_sensors_scale(slope: float) -> None:
     z = HANGS - 0.008
-    assert doubted(in_contact(0.008, tip_z=0.0, z=z, motion=press(1.0))) is None
-    assert "is felt as" in str(doubted(in_contact(0.008, tip_z=0.0, z=z, motion=press(slope))))
-    noisy = press(slope, noise=0.002)
+    assert doubted(in_contact(0.008, tip_z=0.0, z=z, motion=answered(1.0))) is None
+    assert "is felt as" in str(doubted(in_contact(0.008, tip_z=0.0, z=z, motion=answered(slope))))
+    noisy = answered(slope, sd=0.2)
     assert doubted(in_contact(0.008, tip_z=0.0, z=z, motion=noisy)) is None

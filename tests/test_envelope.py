@@ -11,6 +11,7 @@ from pliant.cell import Robot
 from pliant.envelope import Descent, Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
+from pliant.wrist import Answer
 
 LIMITS = Limits()
 ANYWHERE = st.builds(Pose, **{axis.value: st.floats(-1.0, 1.0) for axis in Axis})
@@ -150,13 +151,36 @@ def test_what_is_to_touch_a_board_goes_no_lower_than_the_touch_is_due(
     assert motion.commanded.z == pytest.approx(max(z, min(due - 0.010, 0.244)))
 
 
+LOW = replace(LIMITS, low=replace(LIMITS.low, z=0.05))
+
+
 def test_a_peg_may_go_into_its_hole_but_not_through_the_board() -> None:
-    robot = ScriptedRobot()
-    guarded = Guarded(robot, replace(LIMITS, low=replace(LIMITS.low, z=0.05)))
+    robot = ScriptedRobot(answer=Answer(slope=1.0, sd=0.0))
+    guarded = Guarded(robot, LOW)
     guarded.descent = Descent(surface_z=0.0, hang_m=HANG_M, depth_m=0.010)
+    guarded.move_to(Pose(z=0.190), speed_m_s=0.02, stop_at_compression_m=0.02)
     for z, commanded in ((0.160, 0.160), (0.100, HANG_M - 0.010 - 0.020 - 0.010)):
         guarded.move_to(Pose(z=z), speed_m_s=0.02, stop_at_compression_m=0.02)
         assert robot.poses[-1].z == pytest.approx(commanded)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [None, Answer(slope=0.0, sd=0.2), Answer(slope=0.7, sd=0.0), Answer(slope=1.4, sd=0.0)],
+)
+def test_until_the_wrists_sensor_has_answered_nothing_presses_further_than_a_touch_may(
+    answer: Answer | None,
+) -> None:
+    robot = ScriptedRobot(answer=answer)
+    guarded = Guarded(robot, LOW)
+    guarded.descent = Descent(surface_z=0.0, hang_m=HANG_M, depth_m=0.010)
+    for _ in range(2):
+        guarded.move_to(Pose(z=0.100), speed_m_s=0.02, stop_at_compression_m=0.02)
+        assert robot.poses[-1].z == pytest.approx(HANG_M - 0.014)
+    robot.answer = Answer(slope=0.95, sd=0.05)
+    guarded.move_to(Pose(z=0.178), speed_m_s=0.02, stop_at_compression_m=0.02)
+    guarded.move_to(Pose(z=0.100), speed_m_s=0.02, stop_at_compression_m=0.02)
+    assert robot.poses[-1].z < HANG_M - 0.03
 
 
 def test_an_arm_that_is_lower_already_is_not_lifted_by_it() -> None:

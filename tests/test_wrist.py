@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterable
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pliant.errors import RobotFault
-from pliant.wrist import LIMIT_M, LOADED_M, OVER_M, Load, Reading, Watch
+from pliant.pose import Axis, Pose
+from pliant.wrist import LIMIT_M, LOADED_M, OVER_M, Load, Reading, Watch, is_straight
 
 MARGIN_M = 0.0001
 DOWN, UP, ACROSS = 0.01, -0.01, 0.0
@@ -166,3 +168,67 @@ def test_a_motion_before_the_first_tare_is_watched_as_well() -> None:
     assert watch.begin(0.0, DOWN, LIMIT_M)
     assert not watch.ends(0.001, MARGIN_M)
     assert watch.ends(0.0215, MARGIN_M)
+
+
+# --- how a sensor answers to being pressed -------------------------------------------------------
+
+
+def pressed(scale: float, noise: float = 0.0, slides: bool = False) -> Watch:
+    """Down by 15 mm, 0.3 mm a reading, of which the last 6 press: as much is read as the wrist is
+    pressed, times `scale`. Where it `slides`, the first millimetres give way."""
+    watch, random = Watch(), np.random.default_rng(1)
+    watch.begin(0.0, DOWN, LIMIT_M)
+    for k in range(51):
+        along = k * 0.0003
+        press = max(0.0, along - 0.009)
+        if slides:
+            press = max(press / 3, along - 0.012)
+        true = scale * press + 1e-9 * k  # no true reading stays the same
+        watch.read(
+            Reading(
+                time_s=0.01 * k,
+                read_m=true + float(random.normal(0.0, noise)),
+                filtered_m=true,
+                margin_m=noise,
+                noise_m=noise,
+                along_m=along,
+            )
+        )
+    watch.rest()
+    return watch
+
+
+@pytest.mark.parametrize("scale", [0.3, 0.7, 1.0, 1.5])
+def test_a_straight_press_tells_how_much_is_read_for_each_metre(scale: float) -> None:
+    answer = pressed(scale).answer()
+    assert answer is not None
+    assert answer.sd == 0.0
+    assert answer.slope == pytest.approx(scale, abs=1e-3)
+    assert answer.is_within(2.0) is (scale == 1.0)
+
+
+def test_a_tip_that_gives_way_at_first_answers_at_the_end() -> None:
+    answer = pressed(1.0, slides=True).answer()
+    assert answer is not None
+    assert answer.slope == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_noise_hides_is_known_to_a_standard_deviation_or_not_at_all() -> None:
+    answer = pressed(1.0, noise=0.0003).answer()
+    assert answer is not None
+    assert answer.slope == pytest.approx(1.0, abs=0.2)
+    assert 0.02 < answer.sd < 0.25
+    assert pressed(1.0, noise=0.004).answer() is None
+
+
+def test_who_presses_nothing_hears_no_answer() -> None:
+    assert Watch().answer() is None
+    assert pressed(0.0).answer() is None
+
+
+def test_only_a_way_straight_down_presses_and_does_nothing_else() -> None:
+    at = Pose(z=0.2, roll=0.2)
+    assert is_straight(at, at.updated({Axis.Z: 0.19}))
+    for goal in ({Axis.Z: 0.21}, {Axis.Y: 0.01}, {Axis.Z: 0.19, Axis.Y: 0.002}):
+        assert not is_straight(at, at.updated(goal))
+    assert not is_straight(at, at.updated({Axis.Z: 0.19, Axis.ROLL: 0.15}))

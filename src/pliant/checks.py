@@ -9,10 +9,8 @@ made has no vote, and says why.
 import math
 from collections.abc import Callable, Mapping
 
-import numpy as np
-
 from pliant.belief import Belief, believed, sag_m
-from pliant.cell import Motion, Stop
+from pliant.cell import Stop
 from pliant.formations import OWNED, Formation
 from pliant.pose import Partial, describe
 from pliant.records import Check, Evidence, Outcome
@@ -36,10 +34,8 @@ FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches t
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 
 SEEN_M = 0.015  # pressed further than felt, by the picture: the sensor is wrong
+DOUBTED = 3.0  # standard deviations of how it answers to being pressed
 UNFELT_M, UNFELT_SEEN_M = 0.001, 0.0035  # the same of Contact, where hardly anything is felt
-TOUCHED_M, PRESSED_M, QUIET_M = 0.0008, 0.002, 0.0005  # felt, of a press that tells the scale
-LEAST_SAMPLES = 4
-SLOPE = (0.8, 1.25)  # felt per pressed; healthy: 1.00 to 1.02
 
 
 def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
@@ -163,9 +159,11 @@ def doubt(task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> s
     unfelt = is_contact and felt < UNFELT_M and seen is not None and seen - felt > UNFELT_SEEN_M
     if seen is not None and (unfelt or seen - felt > SEEN_M):
         return f"the picture shows {seen * 1e3:.1f} mm, {felt * 1e3:.1f} mm is felt"
-    slope = pressing_slope(outcome.motions[-1]) if is_contact and outcome.motions else None
-    if slope is not None and not SLOPE[0] <= slope <= SLOPE[1]:
-        return f"a millimetre of pressing on the board is felt as {slope:.2f} mm"
+    answers = [motion.answer for motion in outcome.motions if motion.answer is not None]
+    if is_contact and answers:
+        best = max(answers, key=lambda answer: answer.slope)
+        if not best.is_within(DOUBTED):
+            return f"a millimetre of pressing on the board is felt as {best.slope:.2f} mm"
     return None
 
 
@@ -181,20 +179,6 @@ def seen_compression(
     tilt = peg.tilt.value
     above = task.grasp_below_hinge * math.cos(tilt - grasp) + task.tip_below_grasp * math.cos(tilt)
     return peg.tip_z.value - (pose.z - sag_m(teaching) - above)
-
-
-def pressing_slope(motion: Motion) -> float | None:
-    """How much more was felt for each metre down, from the touch to the end; None: too little was
-    felt to say, or the readings are too noisy."""
-    felt, z = motion.trace.compression_m, motion.trace.pose[:, 2]
-    before = felt[felt < TOUCHED_M]
-    after = np.flatnonzero(felt >= TOUCHED_M)
-    if len(after) < LEAST_SAMPLES or len(before) < LEAST_SAMPLES or np.std(before) > QUIET_M:
-        return None
-    first, last = int(after[0]), int(after[-1])
-    if last - first + 1 != len(after) or felt[last] - felt[first] < PRESSED_M:
-        return None
-    return float((felt[last] - felt[first]) / max(z[first] - z[last], 1e-6))
 
 
 # --- pliant's own checks -----------------------------------------------------------------------

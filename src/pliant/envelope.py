@@ -12,6 +12,8 @@ from pliant.pose import Axis, Partial, Pose
 from pliant.wrist import LIMIT_M
 
 _BELOW_M = 0.010  # than the touch is due: 51 of 52 healthy trials need no more
+_UNPROVEN_M = 0.014  # of pressing on the board, whatever is read, before the sensor has answered
+_LIKELY = 2.0  # standard deviations of the sensor's answer
 _SURFACE_M = 0.020  # from nominal: further no board is believed to be
 
 
@@ -60,12 +62,15 @@ class Descent:
     hang_m: float
     depth_m: float
 
-    def lowest_z(self, stop_at_m: float, limits: Limits) -> float:
+    def lowest_z(self, stop_at_m: float, limits: Limits, *, proven: bool) -> float:
         """Of a motion that ends at `stop_at_m` of compression [m]. One that ends earlier than at
-        the limit is for a touch, on the board's surface."""
+        the limit is for a touch, on the board's surface. `proven` says whether the wrist's sensor
+        has answered to being pressed: until then nothing goes further than a touch may."""
         surface = max(-_SURFACE_M, min(_SURFACE_M, self.surface_z))
         if stop_at_m < limits.compression_m:
             return surface + self.hang_m - stop_at_m - _BELOW_M
+        if not proven:
+            return surface + self.hang_m - _UNPROVEN_M
         return min(surface, 0.0) + self.hang_m - self.depth_m - limits.compression_m - _BELOW_M
 
 
@@ -84,6 +89,7 @@ class Guarded:
         self.motions: list[Motion] = []
         self.under_way: Pose | None = None
         self.descent: Descent | None = None
+        self._is_proven = False  # the wrist's sensor has answered to being pressed
 
     def __enter__(self) -> Self:
         self._robot.__enter__()
@@ -116,6 +122,8 @@ class Guarded:
         if pose is not requested:
             motion = replace(motion, requested=requested)
         self.motions.append(motion)
+        if motion.answer is not None and motion.answer.is_within(_LIKELY):
+            self._is_proven = True
         return motion
 
     def _not_too_low(self, pose: Pose, stop_at_m: float) -> Pose:
@@ -123,7 +131,7 @@ class Guarded:
         at its height."""
         if self.descent is None:
             return pose
-        lowest = self.descent.lowest_z(stop_at_m, self.limits)
+        lowest = self.descent.lowest_z(stop_at_m, self.limits, proven=self._is_proven)
         if pose.z >= lowest:
             return pose
         here = self._robot.observe(()).pose.z

@@ -11,7 +11,10 @@ Compression counts from free hang, in metres: above 0 pressed, below 0 stretched
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pliant.errors import RobotFault
+from pliant.pose import Pose
 
 LIMIT_M = 0.020
 """The limit of the wrist that the paper's simulator has, pressed or stretched [m]."""
@@ -23,6 +26,15 @@ LOADED_M = 0.005
 """A wrist that is so far from where it hung at first [m] does not hang freely: it is not tared. In
 healthy trials it was within 1.5 mm."""
 
+ANSWERS = (0.85, 1.25)
+"""What a believable wrist reads more for each millimetre that it is pressed by; healthy: 0.97 to
+1.06. At 0.85 a limit of 20 mm is kept within 23.5."""
+
+_TOUCHED_M = 0.0008  # read, while the wrist is pressed
+_PRESS_M = 0.0012  # a press that tells how the reading answers
+_ASIDE, _TURNED_RAD = 0.1, math.radians(0.5)  # per metre down, of a straight press
+_LEAST_READINGS = 4
+_TELLS_SD = 0.25  # of the slope; at more, noise hides whether it answers
 _MOST_OVER_M = 0.005  # as OVER_M, where readings are noisy
 _OVER_S = 0.06  # for so long: a blow to a held peg swings the tool further, and back
 _BACK_M = 0.0005  # below the limit, before a motion may press again
@@ -37,13 +49,29 @@ _DEVIATIONS = 8.0  # of a reading's noise, which is no jump
 @dataclass(frozen=True, kw_only=True)
 class Reading:
     """Compression at one moment: as it was read, and filtered, which strays by `margin_m` at most
-    by itself; `noise_m` is the standard deviation of what was read [s, m]."""
+    by itself; `noise_m` is the standard deviation of what was read [s, m]. `along_m` is how far a
+    straight press that is under way (`is_straight`) has come along the wrist's axis."""
 
     time_s: float
     read_m: float
     filtered_m: float
     margin_m: float = 0.0
     noise_m: float = 0.0
+    along_m: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """How a wrist's reading answered to being pressed: for each metre that the hand came closer it
+    read `slope` more, which is known to a standard deviation of `sd`."""
+
+    slope: float
+    sd: float
+
+    def is_within(self, deviations: float) -> bool:
+        """Whether the slope may be a believable wrist's, so many standard deviations allowed."""
+        low, high = ANSWERS
+        return low - deviations * self.sd <= self.slope <= high + deviations * self.sd
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +118,7 @@ class Watch:
         self._stop_at_m = self.limit_m
         self._began_m = self._pressed_m = self._stretched_m = 0.0  # at first, and least in it
         self._hung_m: float | None = None
+        self._press: list[tuple[float, float]] = []  # of this motion: how far along, read [m]
 
     def tare(self, hangs_m: float) -> None:
         """Compression is about to count from where the wrist is, `hangs_m` by a count [m] that no
@@ -130,6 +159,8 @@ class Watch:
             self._changed_s = reading.time_s
         elif reading.time_s > self._changed_s + _FROZEN_S:
             raise _doubt(f"it reads {reading.read_m * 1e3:.2f} mm for a whole motion")
+        if reading.along_m is not None and filtered >= _TOUCHED_M + margin:
+            self._press.append((reading.along_m, reading.read_m))
         if self._toward_m is not None and self._toward_m > _ALONG_M:
             pulled = min(0.0, self._began_m) - filtered
             if pulled <= _PULLED_M + margin:
@@ -145,6 +176,7 @@ class Watch:
         the tip, and ends at `stop_at_m` of compression [m]."""
         load = self.load
         self._stop_at_m = stop_at_m
+        self._press = []
         self._began_m = self._pressed_m = compression_m
         self._stretched_m = -compression_m
         if load.side and abs(toward_m) <= _ALONG_M:  # across, or a turn: no creeping past it
@@ -162,6 +194,25 @@ class Watch:
         """The motion has ended."""
         self._toward_m = None
 
+    def answer(self) -> Answer | None:
+        """How the reading answered in the last motion; None: it was pressed too little to say. Of
+        all its ends that tell, the one where most was felt: a peg that slides, or goes into a hole,
+        is felt less."""
+        if self.last is None or len(self._press) < _LEAST_READINGS:
+            return None
+        along, read = np.array(self._press)[::-1].T  # from the end
+        n = np.arange(1, len(along) + 1)
+        spread = np.cumsum(along**2) - np.cumsum(along) ** 2 / n
+        common = np.cumsum(along * read) - np.cumsum(along) * np.cumsum(read) / n
+        reach = np.maximum.accumulate(along) - np.minimum.accumulate(along)
+        tells = (n >= _LEAST_READINGS) & (reach >= _PRESS_M)
+        tells &= self.last.noise_m**2 <= _TELLS_SD**2 * spread
+        if not tells.any():
+            return None
+        slope = np.where(tells, common / np.where(tells, spread, 1.0), -np.inf)
+        k = int(np.argmax(slope))
+        return Answer(slope=float(slope[k]), sd=float(self.last.noise_m / math.sqrt(spread[k])))
+
     def ends(self, compression_m: float, margin_m: float, earlier_m: float = 0.0) -> bool:
         """Whether this reading ends the motion: past the motion's limit, or stretched past the
         wrist's, less `earlier_m` for braking. Where the wrist is past it already a motion may only
@@ -172,6 +223,15 @@ class Watch:
         pressed = compression_m > max(self._stop_at_m - earlier_m, self._pressed_m + margin_m)
         stretched = -compression_m > max(self.limit_m - earlier_m, self._stretched_m + margin_m)
         return pressed or stretched
+
+
+def is_straight(start: Pose, goal: Pose) -> bool:
+    """Whether a motion goes so straight down that pressing is all it does to the wrist: a tip that
+    is dragged, or turned, loads it, too."""
+    way = goal.position() - start.position()
+    cosine = (float(np.trace(start.rotation().T @ goal.rotation())) - 1.0) / 2.0
+    turn = math.acos(max(-1.0, min(1.0, cosine)))
+    return math.hypot(way[0], way[1]) <= -_ASIDE * way[2] and turn <= _TURNED_RAD
 
 
 def _in_words(compression_m: float) -> str:

@@ -24,7 +24,7 @@ from pliant.sim.render import Cameras
 from pliant.sim.sensor import Sensor
 from pliant.sim.setup import apply, is_moving, place
 from pliant.task import Task
-from pliant.wrist import Reading, Watch
+from pliant.wrist import Reading, Watch, is_straight
 
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
@@ -153,6 +153,8 @@ class SimRobot:
         )
         self._q = self._home
         self._on_step: Callable[[], None] = _nothing
+        # Of a straight press under way: where it began and the wrist's axis, toward the tip.
+        self._way: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     # --- what a trial randomises ---------------------------------------------------------------
 
@@ -294,6 +296,8 @@ class SimRobot:
         if not self._wrist.begin(peak, self._toward_tip(pose), limit):
             path = self.data.ctrl[None].copy()
             stop = Stop.COMPRESSION
+        if is_straight(self._commanded, pose):
+            self._way = self._commanded.position(), -pose.rotation()[:, 2]
         ticks = len(path)
         for k in range(ticks):
             self.data.ctrl[:] = path[k]
@@ -306,10 +310,12 @@ class SimRobot:
             if ends and stop is Stop.REACHED:
                 stop = Stop.COMPRESSION
                 self._wrist.rest()
+                self._way = None
                 self.halt()
                 self.settle(self._sensor.delay_s)
                 break
         self._wrist.rest()
+        self._way = None
         if stop is Stop.REACHED:
             self._commanded, self._q = pose, path[-1]
         return Motion(
@@ -321,6 +327,7 @@ class SimRobot:
             started_s=started,
             ended_s=self.clock(),
             trace=samples.trace(),
+            answer=self._wrist.answer(),
         )
 
     def _verify(self, motion: Motion) -> None:
@@ -338,6 +345,13 @@ class SimRobot:
         """How far the way to a pose goes along the wrist's axis there, toward the tip [m]."""
         way = pose.position() - self._commanded.position()
         return float(-way @ pose.rotation()[:, 2])
+
+    def _along(self) -> float | None:
+        """How far a straight press has come along the wrist's axis [m]."""
+        if self._way is None:
+            return None
+        start, axis = self._way
+        return float((self.data.site_xpos[self._site] - start) @ axis)
 
     def _length(self, pose: Pose) -> float:
         """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
@@ -363,6 +377,7 @@ class SimRobot:
             filtered_m=self._watched(),
             margin_m=self._sensor.margin,
             noise_m=self.setup.compression_noise,
+            along_m=self._along(),
         )
         self._obeyed(partial(self._wrist.read, reading))
 
@@ -372,6 +387,7 @@ class SimRobot:
             ask()
         except RobotFault:
             self._wrist.rest()
+            self._way = None
             self.halt()
             raise
 

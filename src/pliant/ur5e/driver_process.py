@@ -9,9 +9,11 @@ import contextlib
 import math
 import os
 import time
+from dataclasses import replace
 from multiprocessing.connection import Connection
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pliant import signals
 from pliant.errors import InputError, RobotFault
@@ -23,7 +25,7 @@ from pliant.ur5e.compression import Compression
 from pliant.ur5e.configuration import Configuration, Transform
 from pliant.ur5e.gripper import Gripper
 from pliant.ur5e.pace import LOOK_S
-from pliant.wrist import Watch
+from pliant.wrist import Watch, is_straight
 
 _ALIVE_S = 0.05
 _IDLE_S = 0.005
@@ -74,6 +76,8 @@ class _Driver:
         self._gripper: Gripper | None = None
         self._said_s = 0.0
         self._is_guided = False
+        # Of a straight press under way: where it began and the wrist's axis, toward the tip.
+        self._way: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def serve(self) -> None:
         while True:
@@ -215,6 +219,8 @@ class _Driver:
         samples = _Samples()
         samples.take(started, compression.now)
         toward = _toward_tip(started.pose, request.pose)
+        if is_straight(started.pose, request.pose):
+            self._way = arm.pose()[:3, 3], -target[:3, 2]
         is_reached = self._wrist.begin(compression.now, toward, request.stop_at_compression_m)
         if is_reached:
             arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
@@ -227,6 +233,7 @@ class _Driver:
                 is_reached = False
                 arm.stop()
         self._wrist.rest()
+        self._way = None
         self._come_to_rest(samples)
         ended = self._measured()
         samples.take(ended, compression.now)
@@ -240,6 +247,7 @@ class _Driver:
             times_s=np.array(samples.times_s),
             poses=np.array(samples.poses),
             compressions_m=np.array(samples.compressions_m),
+            answer=self._wrist.answer(),
         )
 
     def _come_to_rest(self, samples: "_Samples | None" = None) -> None:
@@ -292,9 +300,16 @@ class _Driver:
         arm = self._here
         self._compression.read(arm.time_s(), arm.force(), arm.pose()[:3, :3])
         if self._is_tared:
-            self._wrist.read(self._compression.reading)
+            self._wrist.read(replace(self._compression.reading, along_m=self._along()))
         if self._gripper is not None:
             self._gripper.poll()
+
+    def _along(self) -> float | None:
+        """How far a straight press has come along the wrist's axis [m]."""
+        if self._way is None:
+            return None
+        start, axis = self._way
+        return float((self._here.pose()[:3, 3] - start) @ axis)
 
     def _now(self) -> m.Measured:
         pose = self._task_of_base @ self._here.pose()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.pose import Pose
+from pliant.wrist import Answer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +124,7 @@ class Moved:
     times_s: NDArray[np.float64]  # (n,)
     poses: NDArray[np.float64]  # (n, 6) x, y, z [m], roll, pitch, yaw [rad]
     compressions_m: NDArray[np.float64]  # (n,)
+    answer: Answer | None
 
 
 Result = Measured | Moved | bool | float | None

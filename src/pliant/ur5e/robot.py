@@ -76,6 +76,7 @@ class UrRobot:
                 pose=moved.poses,
                 compression_m=moved.compressions_m,
             ),
+            answer=moved.answer,
         )
 
     def settle(self, seconds: float) -> None:
