@@ -4,6 +4,7 @@ with the file, the line, the text as it is written and what to do."""
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -66,7 +67,7 @@ KINDS = {
         "pegs: [circle, square]\nconditions:\n- all\n- {name: windy, hole_y_mm: [-10, 10]}\n"
         "reasoners: [rules, {name: blind, picture: false}]\nvlm:\n  model: test:m\n  history: 2\n"
         "trials: 3\n",
-        plan.load,
+        partial(plan.load, agree=lambda named: None),
         "trials",
         "trials",
     ),

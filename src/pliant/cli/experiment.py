@@ -3,6 +3,7 @@
 import sys
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,6 +22,7 @@ from pliant.experiment.measures import is_undecided
 from pliant.experiment.plan import Experiment
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
+from pliant.experiment.trust import Named, refuse
 from pliant.experiment.work import Save
 from pliant.paths import located, shown
 
@@ -44,6 +46,7 @@ def experiment(
     time_limit_s: float = runner.TIME_LIMIT_S,
     again: Literal["faults"] | None = None,
     yes: bool = False,
+    trust: bool = False,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
     model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
 ) -> int:
@@ -72,10 +75,11 @@ def experiment(
         time_limit_s: of one trial, after which its worker is ended.
         again: faults repeats the trials in which nothing was measured, and no others.
         yes: do not ask before a hosted model is paid.
+        trust: do not ask before code is run, or a model asked, that the file names.
         ranges: ranges in place of the conditions' own.
         model: the model behind the reasoner vlm.
     """
-    out, model = located(out), model.placed()
+    out, model, console = located(out), model.placed(), Console()
     given = {
         "pegs": pegs,
         "conditions": conditions and [ranges.applied_to(name) for name in conditions],
@@ -89,7 +93,9 @@ def experiment(
     }
     overrides = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
     if file is not None:
-        planned = plan.load(file, overrides)
+        planned = plan.load(
+            file, overrides, agree=partial(_agree, console=console, trust=trust, model=model)
+        )
     else:
         default = {"conditions": ["all"], "reasoners": ["rules"]}
         if level in (None, "L0"):
@@ -100,7 +106,6 @@ def experiment(
     if not is_simulated and (workers, ray) != (None, None):
         raise InputError("--workers and --ray are for the simulated cell: leave them out")
     model.check(planned)
-    console = Console()
     if model.replay is None:
         planned.check_models()
         _confirm(planned, console, yes)
@@ -146,6 +151,24 @@ def experiment(
         )
         return 1
     return UNDECIDED if names else 0
+
+
+def _agree(named: Named, *, console: Console, trust: bool, model: ModelOptions) -> None:
+    """Say what the file leads to, and ask. A recording is replayed without a server.
+
+    Raises:
+        InputError: nobody agreed, or nobody is there to ask.
+    """
+    if model.replay is not None:
+        named = replace(named, servers=())
+    for line in named.lines:
+        console.print(f"the experiment file names {line}", highlight=False, soft_wrap=True)
+    if trust or not named.lines:
+        return
+    if not sys.stdin.isatty():
+        refuse(named)
+    if not Confirm.ask("Go on?", console=console, default=False):
+        raise InputError("not begun: what the file names was not agreed to")
 
 
 def _confirm(planned: Experiment, console: Console, yes: bool) -> None:

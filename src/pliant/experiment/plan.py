@@ -28,10 +28,11 @@ from pliant.conditions import CONDITIONS, Condition, condition
 from pliant.errors import InputError, unknown, within
 from pliant.experiment import decides, oracle
 from pliant.experiment.one import Spec
+from pliant.experiment.trust import Agree, Named, refuse
 from pliant.experiment.where import Where
 from pliant.levels import FIELDS, load_level
 from pliant.paths import located
-from pliant.reasoners import REASONERS, VLM, located_reasoner, reasoner
+from pliant.reasoners import REASONERS, VLM, located_reasoner, own_file, reasoner
 from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
@@ -182,16 +183,21 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 # --- from names, from a file -------------------------------------------------------------------
 
 
-def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
+def load(
+    path: Path, overrides: Mapping[str, Any] | None = None, *, agree: Agree = refuse
+) -> Experiment:
     """Read an experiment file. `overrides` replace its fields of the same name; pegs, conditions
-    and reasoners replace those of every listed cell too.
+    and reasoners replace those of every listed cell too. Where the file itself names code or a
+    model, `agree` is told before any of that code is run, and raises what it does not agree to; by
+    default all of it.
 
     Raises:
-        InputError: the file cannot be read, or a field, a name or a value in it is not valid.
+        InputError: the file cannot be read, a field, a name or a value in it is not valid, or what
+            it names was not agreed to.
     """
     document = files.read_yaml(located(path), "experiment file", f"fields are {', '.join(_FIELDS)}")
     with document.at(()):
-        return from_fields(document.fields(), overrides, located(path).parent)
+        return _planned(document.fields(), overrides, located(path).parent, agree)
 
 
 def from_fields(
@@ -204,11 +210,21 @@ def from_fields(
 
     Cells are the cross product of `pegs`, `conditions` and `reasoners`, then those under `cells`;
     a cell that occurs twice counts once. A condition is a name or a mapping with a name and ranges;
-    a reasoner is a name, or a mapping with a name and settings of the VLM.
+    a reasoner is a name, or a mapping with a name and settings of the VLM. Code that it names is
+    run: whoever calls this has chosen it.
 
     Raises:
         InputError: a field, a name or a value is not valid.
     """
+    return _planned(fields, overrides, folder, agree=lambda named: None)
+
+
+def _planned(
+    fields: Mapping[str, Any],
+    overrides: Mapping[str, Any] | None,
+    folder: Path | None,
+    agree: Agree,
+) -> Experiment:
     given = dict(fields)
     replaced = {k: v for k, v in (overrides or {}).items() if v is not None}
     for name in (*given, *replaced):
@@ -230,6 +246,10 @@ def from_fields(
     cells: list[Cell] = []
     for place, block in blocks:
         cells += [cell for cell in _cells(place, block, asked) if cell not in cells]
+    minds = [mind for _, block in blocks for mind in block["reasoner"].each()]
+    agree(_named(minds, asked))
+    for mind in minds:
+        mind.read(_see_that_it_can_be_made)
     options = {**given, **replaced}
     goals = options.get("goals")
     if goals is not None and not isinstance(goals, str):
@@ -375,10 +395,32 @@ def _reasoners_name(entry: Any) -> str:
         if name in REASONERS or name == oracle.NAME:
             raise InputError(f"reasoner '{name}' is no VLM: one with settings needs another name")
         return name
-    name = _name("reasoner", entry)
-    if name not in (VLM, oracle.NAME):
-        reasoner(name)  # refuses a name that cannot be used
-    return name
+    return _name("reasoner", entry)
+
+
+def _named(minds: list[_Given], asked: Mapping[str, _Given]) -> Named:
+    """What the file itself names of the code that is run and of the models that are asked."""
+    code, servers = [], []
+    for mind in minds:
+        name, settings = _reasoner(mind, asked)
+        if settings is None:
+            if mind.place and own_file(name) is not None:
+                code.append(name)
+            continue
+        own = mind.value if isinstance(mind.value, dict) else {}
+        chosen = {k: bool(v.place) for k, v in asked.items()} | dict.fromkeys(own, bool(mind.place))
+        if settings.base_url is not None:
+            if chosen["base_url"]:
+                servers.append(settings.base_url)
+        elif chosen.get("model"):
+            servers.append(str(settings.model))
+    return Named(code=tuple(dict.fromkeys(code)), servers=tuple(dict.fromkeys(servers)))
+
+
+def _see_that_it_can_be_made(entry: Any) -> None:
+    """Raises InputError where a name is no reasoner's, or its code cannot be run."""
+    if isinstance(entry, str) and entry not in (VLM, oracle.NAME):
+        reasoner(entry)
 
 
 def parse_condition(entry: Any) -> Condition:
