@@ -1,7 +1,7 @@
 """Hostile plans, wrong beliefs and lying sensors: how far is the wrist really pressed?
 
-    python benchmarks/limit_fuzz.py --trials 100                  # each skill set, simulated
-    python benchmarks/limit_fuzz.py --trials 20 --emulated        # the UR5e's driver, planar skills
+    python benchmarks/limit_fuzz.py --trials 100                  # each method, simulated
+    python benchmarks/limit_fuzz.py --trials 20 --emulated        # the UR5e's driver, planar
 
 A trial has a reasoner that judges and plans at random, within admission and far beyond it; a sensor
 that is honest or not; where it is honest, a board that may be read elsewhere, and in half of the
@@ -22,10 +22,10 @@ from pliant.conditions import Setup
 from pliant.emulator.client import Admin, started
 from pliant.envelope import Guarded, Limits
 from pliant.formations import RECOVERABLE, Formation, Step
+from pliant.methods.named import METHODS, method
 from pliant.pose import Axis, Pose
 from pliant.records import Case, FailureAnalysis, Recovery, Verdict
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.skills import GUIDED, PLANAR, skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Patience, Run
@@ -130,15 +130,14 @@ def loaded(robot: SimRobot) -> list[float]:
     return most
 
 
-def run(robot: Robot, skills: str, mind: Hostile, sight: Sight) -> Run:
+def run(robot: Robot, name: str, mind: Hostile, sight: Sight) -> Run:
     task, taught, limits = load_task("circle"), shipped(), Limits()
     done = Run(
         robot=robot,
         task=task,
         teaching=taught.for_task(task),
         reasoner=mind,
-        skill=skill_set(skills, task, taught, limits),
-        skills=skills,
+        method=method(name),
         limits=limits,
         patience=Patience(failures=EXECUTIONS, executions=EXECUTIONS),
         sight=sight,
@@ -150,13 +149,13 @@ def run(robot: Robot, skills: str, mind: Hostile, sight: Sight) -> Run:
 
 
 def simulated(trials: int, first_seed: int = 1) -> dict[tuple[str, str], list[tuple[float, str]]]:
-    """By skill set and sensor, the most load [m] and the end of each trial."""
+    """By method and sensor, the most load [m] and the end of each trial."""
     cell, found = SimCell(), defaultdict(list)
     task = load_task("circle")
     plans = 0
-    for skills in (PLANAR, GUIDED):
+    for number, name in enumerate(METHODS):
         for seed in range(first_seed, first_seed + trials):
-            random = np.random.default_rng([seed, skills == GUIDED])
+            random = np.random.default_rng([seed, number])
             sensor = SENSORS[seed % len(SENSORS)]
             robot = cell.prepare(task, drawn(seed, sensor, random))
             lies = random.uniform() < 0.3
@@ -165,10 +164,10 @@ def simulated(trials: int, first_seed: int = 1) -> dict[tuple[str, str], list[tu
             mind = Hostile(random)
             most = loaded(robot)
             with spoiled(robot, sensor, random):
-                done = run(robot, skills, mind, sight)
+                done = run(robot, name, mind, sight)
             plans += mind.plans
-            found[skills, sensor].append((most[0], done.end_reason))
-            print(skills, seed, sensor, f"{1e3 * most[0]:.1f} mm", done.end_reason, flush=True)
+            found[name, sensor].append((most[0], done.end_reason))
+            print(name, seed, sensor, f"{1e3 * most[0]:.1f} mm", done.end_reason, flush=True)
     print(f"simulated: {plans} hostile plans in {2 * trials} trials")
     return dict(found)
 
@@ -205,7 +204,7 @@ def emulated(trials: int, noise_n: float) -> None:
             setup = Setup(seed=seed, hole_y=float(random.uniform(-0.02, 0.02)))
             mind = Hostile(random)
             done = _Watched(real.prepare(task, setup), admin)
-            ended = run(done, PLANAR, mind, ByColour(task)).end_reason
+            ended = run(done, "planar", mind, ByColour(task)).end_reason
             plans += mind.plans
             most = max(most, done.most)
             print(seed, ended, f"{1e3 * done.most:.1f} mm", flush=True)
@@ -222,13 +221,13 @@ def main() -> None:
     if options.emulated:
         emulated(options.trials, options.force_noise)
         return
-    for (skills, sensor), trials in sorted(simulated(options.trials, options.first_seed).items()):
+    for (name, sensor), trials in sorted(simulated(options.trials, options.first_seed).items()):
         loads = [1e3 * load for load, _ in trials]
         ends = defaultdict(int)
         for _, end in trials:
             ends[end] += 1
         worst = f"n {len(loads):3d}  at most {max(loads):5.1f} mm"
-        print(f"{skills:<7} {sensor:<10} {worst}  {dict(ends)}")
+        print(f"{name:<7} {sensor:<10} {worst}  {dict(ends)}")
 
 
 if __name__ == "__main__":

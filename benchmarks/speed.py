@@ -25,10 +25,10 @@ from pliant.belief import Belief
 from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
+from pliant.methods.planar.skills import PlanarSkills
 from pliant.records import Look
 from pliant.sim import render
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Scene
@@ -69,7 +69,7 @@ def skills_only(robot: SimRobot) -> None:
     """The five skills with the taught goals; looks take no picture."""
     goals = shipped().goals
     for formation in Formation:
-        Planar(taught=goals)(
+        PlanarSkills(taught=goals)(
             robot,
             lambda: Look(observation=robot.observe(cameras=()), scene=Scene(peg=None, hole=None)),
             goals.target(formation),

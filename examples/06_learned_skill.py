@@ -2,8 +2,7 @@
 in `pliant/Insertion-v0` by the cross-entropy method. It then stands in for Fit in the paper's loop,
 on other seeds. Needs `pliant[gym]`."""
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import gymnasium
 import numpy as np
@@ -11,17 +10,17 @@ import numpy as np
 from pliant.conditions import condition
 from pliant.envs.insertion import STATE  # this registers the environments
 from pliant.formations import Formation
+from pliant.methods import Method, Skill
+from pliant.methods.planar import Planar
 from pliant.reasoners.rules import Rules
 from pliant.records import Outcome
 from pliant.sim.cell import SimCell
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import shipped
-from pliant.trial import Run, Skill
+from pliant.trial import Run
 
 TASK, TAUGHT, TRAIN, HELD_OUT = load_task("circle"), shipped(), (1, 2, 3), range(100, 106)
 Y, COMPRESSION = STATE.index("y"), STATE.index("compression")
-PLANAR = Planar(taught=TAUGHT.goals)
 
 
 def move(weights: np.ndarray, compression_m: float) -> float:
@@ -51,24 +50,34 @@ def train(rng: np.random.Generator) -> np.ndarray:
     return mean
 
 
-def fit_by_feel(weights, robot, look, target, step, belief) -> Outcome:
-    """Fit as learned where it is tried as taught; recoveries and all else as the paper moves."""
-    if step != TAUGHT.goals.step(Formation.FIT):
-        return PLANAR(robot, look, target, step, belief)
-    aim, motions, part = replace(target, y=robot.observe(cameras=()).pose.y), [], -1.0
-    while abs(part) > 0.1 and len(motions) < 40:
-        part = move(weights, robot.observe(cameras=()).compression_m)
-        aim = replace(aim, y=aim.y + 0.003 * part)
-        motions.append(robot.move_to(aim, speed_m_s=0.02, stop_at_compression_m=0.020))
-    robot.settle(0.6)
-    return Outcome(step=step, target=aim, motions=tuple(motions), looks=(look(),))
+@dataclass(frozen=True)
+class ByFeel(Planar):
+    """The paper's method, with Fit as learned where it is tried as taught."""
+
+    weights: np.ndarray
+
+    def skill(self, task, teaching, limits) -> Skill:
+        papers = super().skill(task, teaching, limits)
+
+        def act(robot, look, target, step, belief) -> Outcome:
+            if step != teaching.goals.step(Formation.FIT):
+                return papers(robot, look, target, step, belief)
+            aim, motions, part = replace(target, y=robot.observe(cameras=()).pose.y), [], -1.0
+            while abs(part) > 0.1 and len(motions) < 40:
+                part = move(self.weights, robot.observe(cameras=()).compression_m)
+                aim = replace(aim, y=aim.y + 0.003 * part)
+                motions.append(robot.move_to(aim, speed_m_s=0.02, stop_at_compression_m=0.020))
+            robot.settle(0.6)
+            return Outcome(step=step, target=aim, motions=tuple(motions), looks=(look(),))
+
+        return act
 
 
-def trials(skill: Skill) -> str:
+def trials(method: Method) -> str:
     cell, at_once, executions = SimCell(), 0, 0
     for seed in HELD_OUT:
         robot = cell.prepare(TASK, condition("all").draw(seed))
-        run = Run(robot=robot, task=TASK, teaching=TAUGHT, reasoner=Rules(), skill=skill)
+        run = Run(robot=robot, task=TASK, teaching=TAUGHT, reasoner=Rules(), method=method)
         fits = [e.verdict.success for e in run if e.formation is Formation.FIT]
         at_once += fits[:1] == [True]
         executions += len(run.history)
@@ -76,5 +85,5 @@ def trials(skill: Skill) -> str:
 
 
 weights = train(np.random.default_rng(0))
-print("held-out seeds, Fit as taught: ", trials(PLANAR))
-print("held-out seeds, Fit as learned:", trials(partial(fit_by_feel, weights)))
+print("held-out seeds, Fit as taught: ", trials(Planar()))
+print("held-out seeds, Fit as learned:", trials(ByFeel(weights)))

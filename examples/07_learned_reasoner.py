@@ -11,10 +11,10 @@ import numpy as np
 
 from pliant.conditions import condition
 from pliant.envs.decision import as_action, as_recovery, numbers  # this registers the environments
+from pliant.methods.planar import Planar
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Recovery, Verdict
 from pliant.sim.cell import SimCell
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -57,10 +57,10 @@ class Nearest(Rules):
 def score(reasoner: Rules) -> str:
     """Trials on the held-out seeds, in the paper's loop."""
     task, taught, cell = load_task("circle"), shipped(), SimCell()
-    skill, inserted, recoveries, executions = Planar(taught=taught.goals), 0, 0, 0
+    inserted, recoveries, executions = 0, 0, 0
     for seed in HELD_OUT:
         robot = cell.prepare(task, condition("all").draw(seed))
-        run = Run(robot=robot, task=task, teaching=taught, reasoner=reasoner, skill=skill)
+        run = Run(robot=robot, task=task, teaching=taught, reasoner=reasoner, method=Planar())
         recoveries += sum(execution.recovery is not None for execution in run)
         executions += len(run.history)
         inserted += bool(cell.truth().inserted)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from pliant.conditions import condition
 from pliant.envelope import Limits
+from pliant.methods.planar import Planar
 from pliant.reasoners import reasoner
 from pliant.recovery import admit
 from pliant.sim.cell import SimCell
-from pliant.skills.planar import Planar
 from pliant.store import load_case, save_case
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -16,9 +16,7 @@ from pliant.trial import Question, Run
 
 task, taught, rules = load_task("circle"), shipped(), reasoner("rules")
 robot = SimCell().prepare(task, condition("all").draw(1))
-run = Run(
-    robot=robot, task=task, teaching=taught, reasoner=rules, skill=Planar(taught=taught.goals)
-)
+run = Run(robot=robot, task=task, teaching=taught, reasoner=rules, method=Planar())
 question = next(turn for turn in run.turns() if isinstance(turn, Question))
 folder = Path(tempfile.mkdtemp())
 save_case(folder, question.case)

@@ -11,9 +11,9 @@ import numpy as np
 
 from pliant.cell import Observation, View
 from pliant.conditions import Setup
+from pliant.methods.planar import Planar
 from pliant.reasoners.rules import Rules
 from pliant.sim.cell import SimCell
-from pliant.skills.planar import Planar
 from pliant.task import BLOCK_SIZE, load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -74,8 +74,10 @@ class Learned:
 
 cell, setup = SimCell(), Setup(seed=4, hole_y=0.006, looks=1.0)  # random colours and textures
 for name, sight in (("the shipped colours", ByColour(TASK)), ("learned", Learned())):
-    robot, skill = cell.prepare(TASK, setup), Planar(taught=TAUGHT.goals)
-    run = Run(robot=robot, task=TASK, teaching=TAUGHT, reasoner=Rules(), skill=skill, sight=sight)
+    robot = cell.prepare(TASK, setup)
+    run = Run(
+        robot=robot, task=TASK, teaching=TAUGHT, reasoner=Rules(), method=Planar(), sight=sight
+    )
     executions = list(run)
     unseen = sum(e.outcome.scene.peg is None or e.outcome.scene.hole is None for e in executions)
     print(f"{name}: {run.end_reason} after {len(executions)} executions, {unseen} of them unseen")

@@ -9,7 +9,7 @@ without() {  # LEVEL MECHANISM...
     level=$1
     shift
     for mechanism in "$@"; do
-        .venv/bin/pliant experiment --level "$level" --skills "guided$mechanism" --trials 10 \
+        .venv/bin/pliant experiment --level "$level" --method "guided$mechanism" --trials 10 \
             --first-seed 50001 --out "$out/$level$mechanism"
     done
 }

@@ -14,6 +14,6 @@ for level in L4 L6; do
     run $level $level-guided --reasoners none retry sweep messages
 done
 for level in L1 L3; do
-    run $level $level-planar --skills planar --reasoners none retry sweep messages rules
+    run $level $level-planar --method planar --reasoners none retry sweep messages rules
 done
 .venv/bin/python reproduce/ladder.py reproduce/results/ladder_controls.json "$out"/*

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.belief import Belief, Seen, fold
+from pliant.belief import Belief, Seen
 from pliant.cell import Truth
-from pliant.checks import INSERTED_DEPTH_M, check
+from pliant.checks import INSERTED_DEPTH_M
 from pliant.conditions import Setup, condition
 from pliant.envelope import Limits
 from pliant.experiment.bench.answers import Answer, answer, succeeded
@@ -39,12 +39,12 @@ from pliant.experiment.bench.cases import (
     write,
 )
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
+from pliant.methods.planar import Planar
 from pliant.pose import Axis
 from pliant.reasoners import reasoner
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Look, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -240,7 +240,7 @@ def _executions(
         task=task,
         teaching=teaching,
         reasoner=mind,
-        skill=Planar(taught=teaching.goals),
+        method=Planar(),
     )
     before: Look | None = None
     for execution in run:
@@ -299,16 +299,16 @@ def stale(found: Found) -> Case | None:
     old = Look(observation=seen, scene=before.scene)
     outcome = replace(case.outcome, looks=(*case.outcome.looks[:-1], old))
     outcomes = [*(e.outcome for e in case.history), outcome]
-    looks = [
-        Seen(formation=o.step.formation, pose=look.observation.pose, scene=look.scene)
-        for o in outcomes
-        for look in o.looks
-    ]
+    belief = Belief()
+    for o in outcomes:
+        for look in o.looks:
+            looked = Seen(formation=o.step.formation, pose=look.observation.pose, scene=look.scene)
+            belief = Planar().believe(belief, looked, case.teaching)
     return replace(
         case,
         outcome=outcome,
-        evidence=check(case.task, outcome, case.teaching.scenes),
-        belief=fold(looks, case.teaching),
+        evidence=Planar().check(case.task, outcome, belief, case.teaching),
+        belief=belief,
     )
 
 

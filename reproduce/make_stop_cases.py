@@ -179,7 +179,7 @@ def watch(job: Job) -> list[Question]:
         condition=job.condition,
         seed=job.seed,
         reasoner=job.reasoner,
-        skills=level.skills,
+        method=level.method,
     )
     setup, cell = job.condition.draw(job.seed), _cell()
     draw = np.random.default_rng([SEED, job.seed])
@@ -315,14 +315,16 @@ def choose(pool: Sequence[Question]) -> list[Question]:
     draw = np.random.default_rng(SEED)
     order = [pool[n] for n in draw.permutation(len(pool))]
     chosen = _paired(
-        [q for q in order if q.case.skills == "guided" and _sort(q.key) == "stop"],
+        [q for q in order if q.case.method.follows_belief and _sort(q.key) == "stop"],
         [q for q in order if _sort(q.key) == "go on"],
     )
-    chosen += _spread([q for q in order if q.case.skills == "planar" and _sort(q.key) == "stop"])
+    chosen += _spread(
+        [q for q in order if not q.case.method.follows_belief and _sort(q.key) == "stop"]
+    )
     trials: set[tuple[str, int]] = set()
     wanted: Counter[Formation] = Counter()
     for q in sorted(
-        (q for q in order if q.case.skills == "guided" and _sort(q.key) == "success"),
+        (q for q in order if q.case.method.follows_belief and _sort(q.key) == "success"),
         key=lambda q: (q.key.formation not in RECOVERABLE, q.key.origin.level),
     ):
         trial = (q.key.origin.level, q.key.origin.seed)
@@ -420,7 +422,7 @@ def main() -> None:
     made = Cases(given.set)
     size = given.set.stat().st_size
     print(f"{len(made)} cases, hash {made.hash} (ships: {SHIPPED_HASH}), {size} bytes")
-    for sort, n in sorted(Counter((q.case.skills, _sort(q.key)) for q in chosen).items()):
+    for sort, n in sorted(Counter((q.case.method.name, _sort(q.key)) for q in chosen).items()):
         print(f"  {' '.join(sort):<20} {n}")
 
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from pliant.cell import Trace
 from pliant.conditions import condition
-from pliant.envelope import Limits
 from pliant.experiment.bench.answers import Answer, succeeded
 from pliant.experiment.bench.cases import (
     SHIPPED,
@@ -34,10 +33,10 @@ from pliant.experiment.bench.cases import (
 from pliant.experiment.misread import Misread
 from pliant.formations import RECOVERABLE
 from pliant.levels import STOP, Level, shipped_levels
+from pliant.methods.named import method
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Outcome, Verdict
 from pliant.sim.cell import SimCell
-from pliant.skills import skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Patience, Run
@@ -69,8 +68,7 @@ def strange(level: Level, peg: str, seed: int) -> Question | None:
         task=task,
         teaching=taught.for_task(task),
         reasoner=mind,
-        skill=skill_set(level.skills, task, taught, Limits()),
-        skills=level.skills,
+        method=method(level.method),
         sight=Misread(ByColour(task), setup),
         patience=Patience(executions=9),
     )

@@ -18,10 +18,10 @@ from pliant.cell import Robot
 from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.formations import Formation, Goals
+from pliant.methods.planar.skills import PlanarSkills
 from pliant.pose import Axis, Pose
 from pliant.records import Look
 from pliant.sim.cell import SimCell
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import Demonstration, save, taught
 from pliant.vision.scene import Scene
@@ -64,7 +64,7 @@ def main(path: Path, fit_y: float) -> None:
         }
     )
     robot = Guarded(cell.prepare(task, nominal), Limits())
-    skill, demonstrations = Planar(taught=goals), {}
+    skill, demonstrations = PlanarSkills(taught=goals), {}
     for formation in Formation:
         outcome = skill(
             robot,

@@ -405,14 +405,14 @@ PAGES: Mapping[str, Page] = {
         takes=MINE,
         blocks={
             "pliant run --level blocked_hole --peg square --seed 3": Comes(
-                less="--no-video --skills planar",
+                less="--no-video --method planar",
                 says=("^not inserted .*judged no", "^cap: 40 executions"),
                 status=1,
                 slow=True,
             ),
             "pliant experiment --level bar_across --reasoners rules mine.py:Mine --trials 4 --out"
             " runs/bar_across": Comes(
-                less=f"{ONE} --pegs circle --skills planar",
+                less=f"{ONE} --pegs circle --method planar",
                 says=(r"\| bar_across \| rules \| stop \|",),
                 slow=True,
             ),

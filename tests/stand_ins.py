@@ -15,6 +15,7 @@ from pliant.cell import Camera, Motion, Observation, Stop, Trace, View
 from pliant.conditions import Setup
 from pliant.errors import RobotFault
 from pliant.formations import OWNED, Formation, Goals, Step
+from pliant.methods.planar import Planar
 from pliant.pose import Axis, Pose
 from pliant.records import (
     Case,
@@ -165,6 +166,7 @@ def case_after(outcome: Outcome, goals: Goals | None = None) -> Case:
         outcome=outcome,
         evidence=Evidence(checks=()),
         belief=Belief(),
+        method=Planar(),
     )
 
 

@@ -308,7 +308,7 @@ def test_what_nobody_can_set_or_know_at_a_real_cell_is_refused() -> None:
             {"reasoners": ["oracle"], "conditions": ["pose"]},
             "the oracle plans from the whole truth",
         ),
-        ({"skills": "guided"}, "the guided skills look with several cameras"),
+        ({"method": "guided"}, "method guided looks with several cameras"),
         *(
             ({"conditions": [{"name": "own", field: [0, 0]}]}, f"level L0 draws {quantity},")
             for field, (quantity, _) in FIELDS.items()
@@ -324,7 +324,7 @@ def test_what_nobody_can_set_or_know_at_a_real_cell_is_refused() -> None:
         fields = {"pegs": ["circle"], "conditions": ["none"], "reasoners": ["none"], **changes}
         with pytest.raises(InputError, match=re.escape(message)):
             replace(from_fields(fields), where=plan.where)
-    tight = {**fields, "level": "L1", "skills": "planar"}  # such a block can be screwed on
+    tight = {**fields, "level": "L1", "method": "planar"}  # such a block can be screwed on
     assert replace(from_fields(tight), where=plan.where).cells[0].level == "L1"
 
 
@@ -338,7 +338,7 @@ def test_what_an_emulated_cell_lacks_is_refused_before_it_begins(tmp_path: Path)
     emulated = replace(from_fields(fields), where=Where(file=file))
     for changes, message in (
         ({"level": "L3"}, "draws hole_x, board_z, grasp_pitch, board_yaw, which nobody can set"),
-        ({"level": "L1", "skills": "planar"}, "level L1: an emulated cell has the holes of L0"),
+        ({"level": "L1", "method": "planar"}, "level L1: an emulated cell has the holes of L0"),
     ):
         with pytest.raises(InputError, match=message):
             replace(from_fields({**fields, **changes}), where=emulated.where)

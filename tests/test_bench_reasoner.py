@@ -13,7 +13,6 @@ import pytest
 from stand_ins import case_after, goal_step, outcome_of, recovery_of, scene_of, verdict_of
 
 from pliant.cell import Truth
-from pliant.checks import check
 from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.experiment.bench import table
@@ -35,6 +34,7 @@ from pliant.experiment.bench.run import run
 from pliant.experiment.bench.scores import group
 from pliant.formations import OWNED, RECOVERABLE, Formation, Step
 from pliant.levels import STOP, shipped_levels
+from pliant.methods.planar.checks import check
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Exchange, Recovery, Verdict
 from pliant.store import picture_name
@@ -260,7 +260,7 @@ def test_strange_cases_are_failures_that_a_reasoner_could_see_coming() -> None:
             not e.verdict.success or e.outcome.scene.peg is None for e in question.case.history
         )
         assert set(question.case.outcome.looks[-1].observation.views) == {"side", "front"}
-        assert question.case.skills == "guided"
+        assert question.case.method.name == "guided"
 
 
 def test_what_another_answered_in_its_place_is_not_its_own() -> None:

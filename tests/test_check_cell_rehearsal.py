@@ -12,8 +12,8 @@ from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.experiment.where import Where
 from pliant.formations import RECOVERABLE, Formation
+from pliant.methods.planar import Planar
 from pliant.recovery import admit
-from pliant.skills import PLANAR, skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -28,7 +28,7 @@ def test_the_plan_on_paper_is_what_a_trial_commands() -> None:
         task=CIRCLE,
         teaching=shipped(),
         reasoner=ScriptedReasoner(),
-        skill=skill_set(PLANAR, CIRCLE, shipped(), slow),
+        method=Planar(),
         limits=slow,
     )
     assert len(list(run)) == len(Formation)

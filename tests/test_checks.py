@@ -9,18 +9,16 @@ from stand_ins import UNSEEN, motion_to, outcome_of, scene_of
 from pliant.belief import Belief
 from pliant.cell import Motion, Stop
 from pliant.checks import (
-    check,
     compression_check,
     doubt,
     goal_picture,
-    metric_align,
-    metric_fit,
     metric_insertion,
-    metric_upright,
     pose_check,
     table_i,
 )
 from pliant.formations import OWNED, Formation
+from pliant.methods.guided.checks import metric_upright
+from pliant.methods.planar.checks import check, metric_align, metric_fit
 from pliant.pose import Axis, Pose
 from pliant.records import Check, Outcome
 from pliant.task import Task, load_task

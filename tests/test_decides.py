@@ -87,7 +87,7 @@ def test_a_worker_with_another_installation_refuses(tmp_path: Path) -> None:
     mine.write_text("from pliant.reasoners.rules import Rules as Mine\n", encoding="utf-8")
     plan = planned(reasoners=f"{mine}:Mine")
     (spec,) = plan.specs()
-    wanted = plan.expected[spec.reasoner]
+    wanted = plan.expected[spec.reasoner, spec.method]
     decides.check(spec, wanted)
     job = Job(spec=spec, goals=None, folder=tmp_path, save=Save.NONE, expected=wanted)
     other = {**wanted, "versions": {**wanted["versions"], "mujoco": "3.0.0"}}

@@ -12,24 +12,27 @@ from hypothesis import strategies as st
 from stand_ins import ScriptedRobot, executed
 from vlm_cases import blind, wedged
 
-from pliant.belief import Belief, Seen, believed, fold, softly
+from pliant.belief import Belief, Seen
 from pliant.cell import Stop
 from pliant.conditions import condition
 from pliant.errors import InputError, RobotFault
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.levels import load_level
+from pliant.methods.guided import Guided
+from pliant.methods.guided.belief import believed
+from pliant.methods.guided.hand import Frame, Hand, Manner
+from pliant.methods.named import method
 from pliant.pose import Pose
 from pliant.reasoners.rules import Rules
 from pliant.records import Look, Trial
 from pliant.sim.cell import SimCell
-from pliant.skills import kind_of
-from pliant.skills.hand import Frame, Hand, Manner
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import HoleSeen, Measured, Scene
 
 TEACHING = shipped()
+GUIDED = Guided()
 
 
 def hole_at(y: float) -> Seen:
@@ -43,8 +46,11 @@ def hole_at(y: float) -> Seen:
     return Seen(formation=Formation.FIT, pose=Pose(), scene=Scene(peg=None, hole=hole))
 
 
-def hole_y(*readings: float) -> float:
-    found = fold((hole_at(y) for y in readings), TEACHING, soft=True).hole_y
+def hole_y(*readings: float, by: Guided = GUIDED) -> float:
+    belief = Belief()
+    for y in readings:
+        belief = by.believe(belief, hole_at(y), TEACHING)
+    found = belief.hole_y
     assert found is not None
     return found.value
 
@@ -75,7 +81,7 @@ def test_a_board_that_has_moved_is_believed_once_three_readings_agree() -> None:
 def test_the_checks_take_the_hole_where_it_is_believed_to_be() -> None:
     belief = Belief()
     for y in (0.0, 0.0001, -0.0001):
-        belief = softly(belief, hole_at(y), TEACHING)
+        belief = GUIDED.believe(belief, hole_at(y), TEACHING)
     hole = believed(hole_at(0.010).scene, belief).hole
     assert hole is not None
     assert abs(hole.y.value) < 0.0002
@@ -105,7 +111,7 @@ def test_the_holes_frame_and_the_task_frame_are_each_others_inverse(
 
 
 def inserted(
-    level: str, peg: str, seed: int, reasoner: str = "rules", skills: str | None = None
+    level: str, peg: str, seed: int, reasoner: str = "rules", by: str | None = None
 ) -> Trial:
     rung = load_level(level)
     spec = Spec(
@@ -114,7 +120,7 @@ def inserted(
         condition=rung.on(condition("all")),
         seed=seed,
         reasoner=reasoner,
-        skills=skills or rung.skills,
+        method=by or rung.method,
     )
     return perform(spec, SimCell(), TEACHING)
 
@@ -127,7 +133,7 @@ def spatial() -> Trial:
 def test_a_turned_board_and_a_tilted_grasp_are_met_on_all_six_axes(spatial: Trial) -> None:
     assert spatial.inserted
     assert spatial.judged
-    assert spatial.skills == "guided"
+    assert spatial.method == "guided"
     drawn, ended = spatial.drawn, spatial.executions[-1].outcome.pose
     assert ended.yaw == pytest.approx(drawn["board_yaw"], abs=math.radians(1))
     belief = spatial.executions[-1].belief
@@ -194,7 +200,7 @@ def test_what_once_ended_without_success_is_inserted_and_judged_so(
 def test_the_rules_stop_when_four_executions_in_a_row_show_too_little(
     unseen: int, stops: bool
 ) -> None:
-    case = replace(blind(), skills="guided")
+    case = replace(blind(), method=GUIDED)
     case = replace(case, history=(executed(case),) * (unseen - 1))
     recovery = Rules().recover(case, Rules().judge(case))
     assert recovery is not None
@@ -202,7 +208,7 @@ def test_the_rules_stop_when_four_executions_in_a_row_show_too_little(
 
 
 def test_one_picture_that_shows_enough_lets_the_rules_go_on() -> None:
-    case, seen = replace(blind(), skills="guided"), wedged()
+    case, seen = replace(blind(), method=GUIDED), wedged()
     case = replace(case, history=(executed(case), executed(case), executed(seen), executed(case)))
     recovery = Rules().recover(case, Rules().judge(case))
     assert recovery is not None
@@ -222,28 +228,26 @@ def test_without_a_mechanism_a_trial_says_so_and_does_not_use_it() -> None:
 
     whole, without = (
         inserted("L1", "circle", 9003),
-        inserted("L1", "circle", 9003, skills="guided-dither-ease"),
+        inserted("L1", "circle", 9003, by="guided-dither-ease"),
     )
-    assert without.skills == "guided-dither-ease"
+    assert without.method == "guided-dither-ease"
     assert turned(whole) > 0
     assert turned(without) == 0
 
 
 def test_without_the_median_the_last_reading_decides() -> None:
     readings = (0.005, 0.005, 0.005, 0.015)
-    found = fold((hole_at(y) for y in readings), TEACHING, soft=True, memory=1).hole_y
-    assert found is not None
-    assert found.value == 0.015
+    assert hole_y(*readings, by=Guided(frozenset({"median"}))) == 0.015
 
 
 @pytest.mark.parametrize(
     ("name", "said"), [("agile", "guided"), ("guided-magic", "dither"), ("planar-ease", "guided")]
 )
-def test_skills_that_there_are_not_are_refused_with_those_that_there_are(
+def test_methods_that_there_are_not_are_refused_with_those_that_there_are(
     name: str, said: str
 ) -> None:
     with pytest.raises(InputError, match=said):
-        kind_of(name)
+        method(name)
 
 
 # --- what a touch is held against ----------------------------------------------------------------

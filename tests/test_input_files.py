@@ -210,7 +210,7 @@ def test_a_file_of_nothing_is_said(name: str, content: str, tmp_path: Path) -> N
         ("reasoners: vlm\nvlm:\n  model: m\n  history: true\n", "line 4: VLM: history is True"),
         ("reasoners: vlm\nvlm: 5\n", "line 2: vlm is 5"),
         ("goals: 5\n", "line 1: goals is 5"),
-        ("skills: 5\n", "line 1: skills is 5"),
+        ("method: 5\n", "line 1: method is 5"),
         ("level: L99\n", "line 1: unknown level 'L99'"),
         ("cells: 5\n", "line 1: cells must be a list"),
         ("cells:\n- {peg: circle}\n", "line 2: a cell lacks its condition"),

@@ -16,7 +16,7 @@ from pliant.task import load_task, shipped_pegs
 
 def test_the_papers_level_changes_nothing() -> None:
     level = load_level("L0")
-    assert level.skills == "planar"
+    assert level.method == "planar"
     assert level.on(condition("all")) == condition("all")
     assert load_task("circle", "L0") == load_task("circle")
 
@@ -81,21 +81,21 @@ def test_an_experiment_takes_the_levels_pegs_and_skills() -> None:
     fields = {"conditions": "all", "reasoners": "rules"}
     planned = plan.from_fields(fields, {"level": "L7"})
     assert {c.task.peg.name for c in planned.cells} == set(load_level("L7").pegs)
-    assert {c.skills for c in planned.cells} == {"guided"}
-    papers = plan.from_fields({**fields, "level": "L1", "skills": "planar"})
-    assert {c.skills for c in papers.cells} == {"planar"}
+    assert {c.method for c in planned.cells} == {"guided"}
+    papers = plan.from_fields({**fields, "level": "L1", "method": "planar"})
+    assert {c.method for c in papers.cells} == {"planar"}
 
 
-def test_unknown_skills_are_refused_in_one_line() -> None:
-    fields = {"pegs": "circle", "conditions": "all", "reasoners": "rules", "skills": "blind"}
-    with pytest.raises(InputError, match="unknown skills 'blind': valid are planar, guided"):
+def test_an_unknown_method_is_refused_in_one_line() -> None:
+    fields = {"pegs": "circle", "conditions": "all", "reasoners": "rules", "method": "blind"}
+    with pytest.raises(InputError, match="unknown method 'blind': valid are planar, guided"):
         plan.from_fields(fields)
 
 
 def trial(level: str, *, judged: bool, inserted: bool) -> dict[str, object]:
     return {
         "level": level,
-        "skills": "guided",
+        "method": "guided",
         "reasoner": "rules",
         "peg": "circle",
         "judged": judged,
@@ -118,7 +118,7 @@ def test_the_ladders_table_counts_wrong_verdicts_and_false_acceptances() -> None
 
 
 def test_the_papers_grid_has_no_rows_on_the_ladder() -> None:
-    papers = {**trial("L0", judged=True, inserted=True), "skills": "planar"}
+    papers = {**trial("L0", judged=True, inserted=True), "method": "planar"}
     assert ladder.rows([papers]) == []
 
 

@@ -146,9 +146,9 @@ def test_what_is_planted_is_found() -> None:
     setup = mine.draw(1)
     values = drawn(mine, setup)
     case = cases(spec, 1)[0]
-    named = replace(case, task=replace(case.task, peg=replace(case.task.peg, name="no_peg")))
-    assert told(named, NAMES, 1, values) == ["no_peg"]
-    assert told(replace(case, skills="L6+"), NAMES, 1, values) == ["L6", "L6+"]
+    for name, found in (("no_peg", ["no_peg"]), ("L6+", ["L6", "L6+"])):
+        named = replace(case, task=replace(case.task, peg=replace(case.task.peg, name=name)))
+        assert told(named, NAMES, 1, values) == found
     planted = replace(case.evidence.checks[0], message=f"seen at seed 612345, {setup.friction!r}")
     noted = replace(case, evidence=replace(case.evidence, checks=(planted,)))
     assert told(noted, NAMES, 612345, values) == ["seed 612345", f"friction {setup.friction}"]

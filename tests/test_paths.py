@@ -19,8 +19,9 @@ from pliant.experiment.plan import Experiment, from_fields, load
 from pliant.experiment.rows import Rows, lost
 from pliant.experiment.where import Where
 from pliant.experiment.work import Job
+from pliant.own import located_own, own_file, short_name
 from pliant.paths import located, seen_from, shortened, shown
-from pliant.reasoners import located_reasoner, own_file, reasoner, short_name
+from pliant.reasoners import reasoner
 
 MINE = "from pliant.reasoners.rules import Rules as Mine\n"
 PEG = "shape: circle\ndiameter_mm: {}\nlength_mm: 80\n"
@@ -113,14 +114,14 @@ def test_a_reasoners_file_may_stand_in_any_folder(
     given = f"{name}/mine.py:Mine"
     assert own_file(given) == (folder / "mine.py", "Mine")
     assert short_name(given) == "mine.py:Mine"
-    assert located_reasoner(given) == f"{folder}/mine.py:Mine"
+    assert located_own(given) == f"{folder}/mine.py:Mine"
     assert type(reasoner(given)).__name__ == "Mine" or reasoner(given).name == "rules"
 
 
 def test_other_reasoners_have_no_file() -> None:
     for name in ("rules", "vlm", "a:b", "mine.py", r"C:\me\mine.py"):
         assert own_file(name) is None
-        assert short_name(name) == located_reasoner(name) == name
+        assert short_name(name) == located_own(name) == name
     assert own_file(r"C:\me\mine.py:Mine") is not None
 
 

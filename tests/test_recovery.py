@@ -23,12 +23,14 @@ from pliant.cell import Stop
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
+from pliant.methods.guided import Guided
+from pliant.methods.planar import Planar
+from pliant.methods.planar.skills import PlanarSkills
 from pliant.pose import Axis
 from pliant.reasoners.controls import Messages, Retry, Sweep
 from pliant.reasoners.rules import Rules
-from pliant.records import Admission, Case, Look
+from pliant.records import Admission, Case, KnownMethod, Look
 from pliant.recovery import admit
-from pliant.skills.planar import Planar
 from pliant.teaching import shipped
 
 LIMITS = Limits()
@@ -67,6 +69,9 @@ CASES = st.builds(
     st.sampled_from(list(Formation)),
     st.sampled_from(list(Stop)),
 )
+
+
+PLANAR = Planar()
 
 
 def admitted(*steps: Step, case: Case | None = None) -> Admission:
@@ -128,7 +133,7 @@ def test_an_admitted_retreat_never_meets_the_envelope(in_force: float, change: f
         target = goals.updated(admitted_step).target(FIT)
         look = Look(observation=robot.observe(), scene=case.outcome.scene)
         try:
-            Planar(taught=shipped().goals)(
+            PlanarSkills(taught=shipped().goals)(
                 Guarded(robot, LIMITS), partial(_same, look), target, step, Belief()
             )
         except RobotFault as fault:
@@ -214,7 +219,7 @@ def stopped(
     *,
     compression_m: float = 0.0203,
     z: float | None = None,
-    skills: str = "planar",
+    method: KnownMethod = PLANAR,
 ) -> Case:
     """Stopped by compression, and standing there, at the taught goal or at height `z` [m]."""
     outcome = outcome_of(formation, stop=Stop.COMPRESSION)
@@ -222,7 +227,7 @@ def stopped(
     pose = outcome.target if z is None else outcome.target.updated({Axis.Z: z})
     seen = replace(look.observation, pose=pose, compression_m=compression_m)
     outcome = replace(outcome, looks=(replace(look, observation=seen),))
-    return replace(case_after(outcome), skills=skills)
+    return replace(case_after(outcome), method=method)
 
 
 def stopped_insertion() -> Case:
@@ -267,8 +272,8 @@ def test_a_stretched_wrist_is_not_stretched_on_by_a_retreat() -> None:
 
 def test_guided_skills_unload_by_themselves_unless_they_push() -> None:
     for formation in (FIT, ALIGN):
-        assert admitted(goal_step(formation), case=stopped(formation, skills="guided")).steps
-    case = stopped(INSERTION, skills="guided")
+        assert admitted(goal_step(formation), case=stopped(formation, method=Guided())).steps
+    case = stopped(INSERTION, method=Guided())
     assert admitted(goal_step(INSERTION), case=case).refusals == (f"insertion: {PRESSES_ON}",)
     assert admitted(goal_step(ALIGN), goal_step(INSERTION), case=case).refusals == ()
 

@@ -18,7 +18,6 @@ from pliant.levels import EITHER, STOP, load_level, shipped_levels
 from pliant.pose import Pose
 from pliant.records import End
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.skills import GUIDED
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
@@ -141,7 +140,7 @@ def test_a_dead_sensor_that_trembles_is_found_when_nothing_is_touched() -> None:
         condition=Condition(name="trembling", ranges=ranges),
         seed=2,
         reasoner="rules",
-        skills=GUIDED,
+        method="guided",
     )
     cell = SimCell()
     ended = perform(spec, cell, shipped())
@@ -180,7 +179,7 @@ def test_nothing_strange_is_left_in_the_next_trial() -> None:
 @pytest.mark.parametrize("level", SCENARIOS, ids=lambda level: level.name)
 def test_every_scenario_is_strange_and_says_what_is_right(level: Any) -> None:
     assert level.right in (STOP, EITHER)
-    assert level.skills == GUIDED
+    assert level.method == "guided"
     papers = set(condition("all").ranges)
     drawn = level.on(condition("all")).draw(1).disturbed()
     assert set(drawn) - papers
@@ -198,7 +197,7 @@ def test_a_bar_beside_the_hole_leaves_it_free() -> None:
 def trial(scenario: str, end: str, *, inserted: bool = False) -> dict[str, object]:
     return {
         "level": scenario,
-        "skills": GUIDED,
+        "method": "guided",
         "reasoner": "rules",
         "peg": "circle",
         "judged": end is End.INSERTED,

@@ -20,18 +20,19 @@ from voices import reply
 from pliant.belief import hang_share
 from pliant.conditions import condition
 from pliant.envelope import Limits
-from pliant.formations import MOST_TURN, SHIFTED, SHIFTS, Formation, Step
+from pliant.formations import MOST_TURN, Formation, Step
 from pliant.levels import load_level
+from pliant.methods.guided import Guided
+from pliant.methods.guided.hand import Frame
+from pliant.methods.guided.skills import SHIFTED, SHIFTS
 from pliant.pose import Axis, Partial
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import plans, prompt
-from pliant.reasoners.vlm.replies import GuidedPlan, bounded_plan
+from pliant.reasoners.vlm.replies import absolute_plan, bounded_plan
 from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case, Execution, FailureAnalysis, Recovery, Verdict
 from pliant.recovery import admit, changes
 from pliant.sim.cell import SimCell
-from pliant.skills import GUIDED, skill_set
-from pliant.skills.hand import Frame
 from pliant.store import load_case, save_case
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -44,7 +45,7 @@ SOME = st.dictionaries(st.sampled_from(SHIFTS), ANY, min_size=1)
 
 
 def guided() -> Case:
-    return replace(case_after(outcome_of(FIT)), skills=GUIDED)
+    return replace(case_after(outcome_of(FIT)), method=Guided())
 
 
 def shifted(formation: Formation, shifts: Partial) -> Step:
@@ -100,7 +101,7 @@ def test_goals_keep_no_shift() -> None:
 
 
 def bounded(**fields: Any) -> Any:
-    form = bounded_plan(40, shifts=True)
+    form = bounded_plan(40, Guided())
     told = dict.fromkeys(form.model_fields, 0) | {"resume_from": "fit", "retreat_first": False}
     return form.model_validate_json(json.dumps({**told, **fields}))
 
@@ -126,7 +127,8 @@ def test_a_shift_against_its_own_analysis_is_refused() -> None:
 
 def test_a_shift_of_insertion_is_refused_and_not_dropped() -> None:
     step = {"goal_mm": 167.6, "retreat_first": False, "x_mm": 1, "pitch_deg": 0, "yaw_deg": 0}
-    said = GuidedPlan.model_validate_json(json.dumps({"steps": [{"skill": "insertion", **step}]}))
+    plan = {"steps": [{"skill": "insertion", **step}]}
+    said = absolute_plan(Guided()).model_validate_json(json.dumps(plan))
     assert "insertion does not own" in str(refused(said))
 
 
@@ -178,7 +180,7 @@ class Shifting:
             return reply(info, fields | dict.fromkeys((*zero, "yaw_motion_deg"), 0))
         case = self.asked[-1]
         if case.outcome.step.formation is FIT:
-            fields = dict.fromkeys(bounded_plan(40, shifts=True).model_fields, 0)
+            fields = dict.fromkeys(bounded_plan(40, Guided()).model_fields, 0)
             shift = {"fit_x_change_mm": 2, "fit_pitch_change_deg": 4, "fit_yaw_change_deg": 4}
             return reply(info, fields | {"resume_from": "fit", "retreat_first": True} | shift)
         shifts = {"x_mm": -3, "pitch_deg": -3, "yaw_deg": -3}
@@ -203,8 +205,7 @@ def done() -> tuple[tuple[Execution, ...], Shifting]:
         task=task,
         teaching=taught.for_task(task),
         reasoner=reasoner,
-        skill=skill_set(GUIDED, task, taught, LIMITS),
-        skills=GUIDED,
+        method=Guided(),
     )
     executions = iter(run)
     made = tuple(next(executions) for _ in range(6))

@@ -13,6 +13,7 @@ import pytest
 from pliant.conditions import condition
 from pliant.errors import InputError
 from pliant.experiment.one import Spec, perform
+from pliant.methods.named import method
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Trial
 from pliant.sim import replay
@@ -75,6 +76,7 @@ def case_of(trial: Trial) -> Case:
         outcome=last.outcome,
         evidence=last.evidence,
         belief=last.belief,
+        method=method(trial.method),
     )
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from stand_ins import PEGS, cell_for, outcome_of, picture, prepared, stand_peg
 
-from pliant.checks import check
 from pliant.conditions import Setup
 from pliant.formations import Formation
+from pliant.methods.planar.checks import check
 from pliant.records import Check
 from pliant.teaching import shipped
 from pliant.vision.measure import measure

@@ -14,10 +14,11 @@ from pliant.conditions import Condition, Setup, condition
 from pliant.envelope import Guarded, Limits
 from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
+from pliant.methods.planar import Planar
+from pliant.methods.planar.skills import PlanarSkills
 from pliant.pose import Axis, Pose
 from pliant.reasoners.controls import OpenLoop
 from pliant.records import Case, End, Execution, Recovery
-from pliant.skills.planar import Planar
 from pliant.task import Task, load_task
 from pliant.teaching import shipped
 from pliant.trial import Patience, Run
@@ -41,7 +42,7 @@ def run_of(
         task=load_task("circle"),
         teaching=shipped(),
         reasoner=reasoner,
-        skill=Planar(taught=shipped().goals),
+        method=Planar(),
         patience=patience or Patience(),
     )
     return run, reasoner, list(run)
@@ -104,7 +105,7 @@ def test_an_open_loop_reasoner_does_all_five_skills_once() -> None:
         task=load_task("circle"),
         teaching=shipped(),
         reasoner=OpenLoop(),
-        skill=Planar(taught=shipped().goals),
+        method=Planar(),
     )
     assert names(list(run)) == FIVE
     assert run.end_reason == End.FINISHED  # an empty picture proves no insertion
@@ -176,7 +177,7 @@ def test_a_motion_outside_the_envelope_is_a_fault_of_its_own_kind() -> None:
         task=load_task("circle"),
         teaching=shipped(),
         reasoner=ScriptedReasoner(),
-        skill=Planar(taught=shipped().goals),
+        method=Planar(),
         limits=limits,
     )
     assert list(run) == []
@@ -198,7 +199,7 @@ def test_the_robot_is_halted_when_its_watcher_walks_away() -> None:
         task=load_task("circle"),
         teaching=shipped(),
         reasoner=ScriptedReasoner(),
-        skill=Planar(taught=shipped().goals),
+        method=Planar(),
     )
     executions = iter(run)
     next(executions)
@@ -218,7 +219,7 @@ def test_a_reasoners_own_error_is_not_hidden_and_halts_the_robot() -> None:
         task=load_task("circle"),
         teaching=shipped(),
         reasoner=Broken(),
-        skill=Planar(taught=shipped().goals),
+        method=Planar(),
     )
     with pytest.raises(ZeroDivisionError):
         list(run)
@@ -283,7 +284,7 @@ def planar(robot: ScriptedRobot, formation: Formation, *, retreat: bool) -> list
     goals = shipped().goals
     target = goals.target(formation)
     look = typing.cast("typing.Any", None)
-    Planar(taught=shipped().goals)(
+    PlanarSkills(taught=shipped().goals)(
         Guarded(robot, Limits()),
         lambda cameras=("side",): look,
         target,

@@ -13,17 +13,19 @@ from voices import reply
 
 from pliant.belief import Belief
 from pliant.conditions import condition
-from pliant.envelope import Limits
 from pliant.experiment.one import Spec, perform
-from pliant.formations import OWNED, RECOVERABLE, SHIFTED, SHIFTS, Formation
+from pliant.formations import OWNED, RECOVERABLE, Formation
 from pliant.levels import load_level
+from pliant.methods.guided import Guided
+from pliant.methods.guided.skills import SHIFTED, SHIFTS
+from pliant.methods.named import method
+from pliant.methods.planar import Planar
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import prompt
 from pliant.reasoners.vlm.replies import change_field, motion_field
 from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case, End, Execution, Recovery, Trial, Verdict
 from pliant.sim.cell import SimCell
-from pliant.skills import GUIDED, skill_set
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -48,7 +50,7 @@ def trial(level: str, peg: str, seed: int, reasoner: str) -> Trial:
         condition=rung.on(condition("all")),
         seed=seed,
         reasoner=reasoner,
-        skills=rung.skills,
+        method=rung.method,
     )
     return perform(spec, SimCell(), shipped())
 
@@ -71,7 +73,7 @@ def case_of(done: Trial, index: int) -> Case:
         outcome=execution.outcome,
         evidence=execution.evidence,
         belief=execution.belief,
-        skills=done.skills,
+        method=method(done.method),
     )
 
 
@@ -158,7 +160,7 @@ def test_the_instructions_say_what_a_goal_means_and_when_to_stop(plan: Plans) ->
     assert "no motion can help and a person must come" in guided
     assert "25 mm" in guided or "±25" in guided
     assert "$" not in guided
-    papers = prompt.instructions(settings, replace(failed(), skills="planar"), f"plan_{plan}")
+    papers = prompt.instructions(settings, replace(failed(), method=Planar()), f"plan_{plan}")
     assert not any(word in papers for word in ("shift", "yaw", "pitch"))
 
 
@@ -218,8 +220,7 @@ def stopped() -> Run:
         task=task,
         teaching=taught.for_task(task),
         reasoner=SaysStop(Plans.BOUNDED),
-        skill=skill_set(GUIDED, task, taught, Limits()),
-        skills=GUIDED,
+        method=Guided(),
     )
     assert list(run)
     return run
@@ -245,7 +246,7 @@ def test_a_stop_is_the_same_in_the_other_form_of_plan() -> None:
         outcome=last.outcome,
         evidence=last.evidence,
         belief=last.belief,
-        skills=GUIDED,
+        method=Guided(),
     )
     recovery = SaysStop(Plans.ABSOLUTE).recover(case, last.verdict)
     assert recovery is not None

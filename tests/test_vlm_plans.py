@@ -13,6 +13,7 @@ from vlm_cases import failures, simulated, wedged
 
 from pliant.envelope import Limits
 from pliant.formations import Formation, Step
+from pliant.methods.planar import Planar
 from pliant.pose import Axis
 from pliant.reasoners.vlm import plans
 from pliant.reasoners.vlm.replies import (
@@ -26,7 +27,7 @@ from pliant.records import Case, FailureAnalysis, Recovery
 from pliant.recovery import admit, changes
 
 MOST_M = 0.040
-BOUNDED = bounded_plan(40)
+BOUNDED = bounded_plan(40, Planar())
 FIT, ALIGN, INSERTION = Formation.FIT, Formation.ALIGN, Formation.INSERTION
 
 

@@ -18,10 +18,10 @@ from voices import SpeaksForRules
 
 from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
+from pliant.methods.planar import Planar
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Recorder
 from pliant.sim.cell import SimCell
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -41,7 +41,7 @@ def record() -> None:
         task=task,
         teaching=taught,
         reasoner=SpeaksForRules(settings=TOLD, tape=Recorder(SHIPPED)),
-        skill=Planar(taught=taught.goals),
+        method=Planar(),
     )
     print([f"{e.formation} {e.verdict.success}" for e in run], run.end_reason)
 

@@ -11,14 +11,14 @@ from stand_ins import case_after, cell_for, executed, outcome_of, scene_of
 
 from pliant.belief import Belief
 from pliant.cell import Stop
-from pliant.checks import check
 from pliant.conditions import condition
 from pliant.formations import Formation
+from pliant.methods.planar import Planar
+from pliant.methods.planar.checks import check
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.reasoner import Vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Recovery, Verdict
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Run
@@ -55,7 +55,7 @@ def simulated() -> _Watching:
             task=task,
             teaching=taught,
             reasoner=watching,
-            skill=Planar(taught=taught.goals),
+            method=Planar(),
         )
     )
     return watching

@@ -18,14 +18,14 @@ from pydantic_ai.messages import (
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.usage import RequestUsage
 
-from pliant.formations import OWNED, RECOVERABLE, SHIFTED, SHIFTS
+from pliant.formations import OWNED, RECOVERABLE
+from pliant.methods.guided.skills import SHIFTED, SHIFTS
 from pliant.pose import Axis
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.reasoner import Vlm
 from pliant.reasoners.vlm.replies import change_field, motion_field, shift_field
 from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case, Recovery, Verdict
-from pliant.skills import GUIDED
 
 Fields = dict[str, Any]
 _NO_LIMIT = 10**12  # a scripted model's tokens are counted by guess, pictures byte by byte
@@ -57,7 +57,7 @@ def judgement(verdict: Verdict) -> Fields:
 
 def no_shifts(case: Case, *names: str) -> Fields:
     """The fields that replies with the guided skills have beside the others, at 0."""
-    return dict.fromkeys(names, 0) if case.skills == GUIDED else {}
+    return dict.fromkeys(names, 0) if case.method.follows_belief else {}
 
 
 def analysis(recovery: Recovery, gain: float = 1.0) -> Fields:

@@ -9,7 +9,7 @@ made has no vote, and says why.
 import math
 from collections.abc import Callable, Mapping
 
-from pliant.belief import Belief, believed, sag_m
+from pliant.belief import Belief, sag_m
 from pliant.cell import Stop
 from pliant.formations import OWNED, Formation
 from pliant.pose import Partial, describe
@@ -24,13 +24,6 @@ TILT_TOLERANCE_DEG = 5.0  # Table I
 ON_HOLE_M = 0.008  # Table I's "on the hole": P_center this close to H_center; our choice
 INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 
-IN_HOLE_DEPTH_M = 0.0003  # metric Fit: the low corner is this far below the board's surface
-RIM_MARGIN_M = 0.0005  # metric Fit: the trailing corner is this far inside the near rim
-UPRIGHT_DEPTH_M = 0.001  # guided Align: the high corner, beyond what is over-read
-DEEP_M = 0.005  # guided Align: the high corner of a peg that is in the hole, wherever it is read
-ASIDE_M = 0.003  # guided Align: the tip across the plane of insertion
-FAR_WALL_DEPTH_M = 0.0015
-FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 
 SEEN_M = 0.015  # pressed further than felt, by the picture: the sensor is wrong
@@ -38,38 +31,16 @@ DOUBTED = 3.0  # standard deviations of how it answers to being pressed
 UNFELT_M, UNFELT_SEEN_M = 0.001, 0.0035  # the same of Contact, where hardly anything is felt
 
 
-def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
-    """Make every check that the executed formation calls for."""
-    metrics = {
-        Formation.FIT: metric_fit,
-        Formation.ALIGN: metric_align,
-        Formation.INSERTION: metric_insertion,
-    }
-    return _evidence(task, outcome, taught, outcome.scene, metrics)
-
-
-def check_guided(
-    task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], belief: Belief
-) -> Evidence:
-    """The checks after a guided skill. Its goal is where it went by itself, Fit is right at the far
-    wall, and the metric check takes the hole where it is believed to be, so that one wrong reading
-    fails nothing."""
-    metrics = {
-        Formation.FIT: metric_far_wall,
-        Formation.ALIGN: metric_upright,
-        Formation.INSERTION: metric_insertion,
-    }
-    return _evidence(task, outcome, taught, believed(outcome.scene, belief), metrics)
-
-
-def _evidence(
+def gathered(
     task: Task,
     outcome: Outcome,
     taught: Mapping[Formation, Scene],
-    scene: Scene,
     metrics: Mapping[Formation, Callable[[Task, Scene], Check]],
+    scene: Scene | None = None,
 ) -> Evidence:
-    """Table I reads the picture as it is; `scene` is what the others go by."""
+    """Every check that the executed formation calls for, with a method's own in metres. Table I
+    reads the picture as it is; `scene` is what the others go by, if not what was measured last."""
+    scene = outcome.scene if scene is None else scene
     formation = outcome.step.formation
     checks = [pose_check(outcome), compression_check(outcome)]
     if formation in (Formation.FIT, Formation.ALIGN):
@@ -184,64 +155,7 @@ def seen_compression(
 # --- pliant's own checks -----------------------------------------------------------------------
 
 
-def metric_fit(task: Task, scene: Scene) -> Check:
-    """The low corner is in the hole and the trailing corner has cleared the near rim."""
-    if scene.peg is None or scene.hole is None:
-        return _unmade("metric", scene)
-    half = half_hole(task)
-    depth = scene.hole.surface_z.value - low_corner(scene.peg)[1]
-    past_rim = near_rim(task, scene) - scene.peg.right_y
-    beyond = (scene.hole.y.value - half) - scene.peg.tip_y.value
-    words = (
-        f"low corner {depth * 1e3:.1f} mm deep,"
-        f" trailing corner {past_rim * 1e3:.1f} mm past the near rim"
-    )
-    if beyond > 0:
-        return _metric(False, f"peg is {beyond * 1e3:.1f} mm beyond the far rim")
-    return _metric(depth >= IN_HOLE_DEPTH_M and past_rim >= RIM_MARGIN_M, words)
-
-
-def metric_far_wall(task: Task, scene: Scene) -> Check:
-    """The low corner is in the hole, near its far wall, while the trailing one stands on the rim,
-    where a tight hole must leave it; or both are in."""
-    if scene.peg is None or scene.hole is None:
-        return _unmade("metric", scene)
-    y, z = low_corner(scene.peg)
-    depth = scene.hole.surface_z.value - z
-    short = y - (scene.hole.y.value - half_hole(task))
-    words = f"low corner {depth * 1e3:.1f} mm deep, {short * 1e3:+.1f} mm from the far wall"
-    near = FAR_WALL_M[0] <= short <= FAR_WALL_M[1]
-    inside = scene.hole.surface_z.value > max(scene.peg.left_z, scene.peg.right_z)
-    return _metric(depth >= FAR_WALL_DEPTH_M and (near or inside), words)
-
-
-def metric_align(task: Task, scene: Scene) -> Check:
-    """Both lower corners are inside the hole's rims, and the peg stands within 5 degrees."""
-    if scene.peg is None or scene.hole is None:
-        return _unmade("metric", scene)
-    offset, tilt, depth, words = _standing(scene.peg, scene.hole)
-    inside = abs(offset) <= task.hole.clearance / 2 + 0.0015
-    return _metric(inside and abs(tilt) <= TILT_TOLERANCE_DEG and depth > 0.0, words)
-
-
-def metric_upright(task: Task, scene: Scene) -> Check:
-    """As `metric_align`, well below the rim, and across the plane of insertion too. Of a deep peg
-    little is seen, and where its tip is follows from far above it; but nothing is deep beside the
-    hole."""
-    if scene.peg is None or scene.hole is None:
-        return _unmade("metric", scene)
-    offset, tilt, depth, words = _standing(scene.peg, scene.hole)
-    across, aside = scene.across, 0.0
-    if across is not None and across.tip_x is not None and across.hole_x is not None:
-        aside = across.tip_x.value - across.hole_x.value
-    deep = depth >= DEEP_M
-    beside = half_hole(task) if deep else task.hole.clearance / 2 + 0.0015
-    inside = abs(offset) <= beside and (deep or abs(aside) <= ASIDE_M)
-    stands = abs(tilt) <= TILT_TOLERANCE_DEG and depth >= UPRIGHT_DEPTH_M
-    return _metric(inside and stands, f"{words}, {aside * 1e3:+.1f} mm across")
-
-
-def _standing(peg: PegSeen, hole: HoleSeen) -> tuple[float, float, float, str]:
+def standing(peg: PegSeen, hole: HoleSeen) -> tuple[float, float, float, str]:
     """The tip from the hole's centre [m], the tilt [deg] and the high corner's depth [m]; and in
     words."""
     offset = peg.tip_y.value - hole.y.value
@@ -257,12 +171,12 @@ def _standing(peg: PegSeen, hole: HoleSeen) -> tuple[float, float, float, str]:
 def metric_insertion(task: Task, scene: Scene) -> Check:
     """The centre of the bottom face is 10 mm deep, inside the hole."""
     if scene.peg is None or scene.hole is None:
-        return _unmade("metric", scene)
+        return unmade("metric", scene)
     depth = scene.hole.surface_z.value - scene.peg.tip_z.value
     offset = scene.peg.tip_y.value - scene.hole.y.value
     words = f"{depth * 1e3:.1f} mm deep, {offset * 1e3:+.1f} mm from the hole's centre"
     deep = depth >= task.depth + DEPTH_MARGIN_M
-    return _metric(deep and abs(offset) <= half_hole(task), words)
+    return metric(deep and abs(offset) <= half_hole(task), words)
 
 
 def goal_picture(scene: Scene, taught: Scene | None) -> Check:
@@ -271,7 +185,7 @@ def goal_picture(scene: Scene, taught: Scene | None) -> Check:
     if taught is None or taught.peg is None or taught.hole is None:
         return Check(name="goal_picture", vote=None, message="no goal picture", paper=True)
     if scene.peg is None or scene.hole is None:
-        return _unmade("goal_picture", scene, paper=True)
+        return unmade("goal_picture", scene, paper=True)
     height = scene.peg.tip_z.value - scene.hole.surface_z.value
     goal = taught.peg.tip_z.value - taught.hole.surface_z.value
     lean = math.degrees(scene.peg.tilt.value - taught.peg.tilt.value)
@@ -301,11 +215,11 @@ def low_corner(peg: PegSeen) -> tuple[float, float]:
     return left if left[1] <= right[1] else right
 
 
-def _metric(vote: bool, message: str) -> Check:
+def metric(vote: bool, message: str) -> Check:
     return Check(name="metric", vote=vote, message=message, paper=False)
 
 
-def _unmade(name: str, scene: Scene, *, paper: bool = False) -> Check:
+def unmade(name: str, scene: Scene, *, paper: bool = False) -> Check:
     return Check(name=name, vote=None, message="; ".join(scene.problems), paper=paper)
 
 

@@ -36,14 +36,6 @@ before it, the paper's "-"."""
 RECOVERABLE = (Formation.FIT, Formation.ALIGN, Formation.INSERTION)
 """Where a recovery plan may start (Sec. IV): Approach and Contact succeed under a fixed board."""
 
-
-SHIFTS = (Axis.X, Axis.PITCH, Axis.YAW)
-SHIFTED: Mapping[Formation, tuple[Axis, ...]] = {
-    formation: SHIFTS if formation in (Formation.FIT, Formation.ALIGN) else ()
-    for formation in Formation
-}
-"""What a step of the guided skills may name beside the axes that its formation owns: how far from
-what is believed to aim [m, rad]. A shift holds for its step alone; goals hold none."""
 MOST_TURN = math.radians(5)
 """The most by which one step may shift pitch or yaw [rad]."""
 
@@ -53,7 +45,8 @@ class Step:
     """One commanded skill: a formation, its goal, and whether to leave the hole first.
 
     `retreat` lifts straight up, travels in y and comes down before the formation's own motion.
-    With the guided skills the goal may also hold SHIFTS.
+    The goal may also hold shifts, where the method takes them: how far from what is believed to aim
+    [m, rad], for this step alone.
     """
 
     formation: Formation
@@ -90,8 +83,8 @@ class Goals:
 
     def updated(self, step: Step) -> "Goals":
         """These goals with the step's goal in place of its formation's; its shifts pass."""
-        passing = SHIFTED[step.formation]
-        kept = {axis: value for axis, value in step.goal.items() if axis not in passing}
+        owned = OWNED[step.formation]
+        kept = {axis: value for axis, value in step.goal.items() if axis in owned}
         merged = {**self.formations[step.formation], **kept}
         return Goals(formations={**self.formations, step.formation: merged})
 
@@ -108,18 +101,17 @@ class Goals:
         return Step(formation=formation, goal=self.formations[formation], retreat=retreat)
 
 
-def check_axes(formation: Formation, goal: Partial, *, shifts: bool = False) -> None:
-    """Refuse a goal that does not name exactly the axes its formation owns; with `shifts` it may
-    name those too, where the formation has them.
+def check_axes(formation: Formation, goal: Partial, *, shifts: tuple[Axis, ...] = ()) -> None:
+    """Refuse a goal that does not name exactly the axes its formation owns; it may name `shifts`
+    too.
 
     Raises:
         InputError: an axis is missing, or one too many.
     """
     owned = OWNED[formation]
-    more = SHIFTED[formation] if shifts else ()
     names = ", ".join(owned)
     for axis in goal:
-        if axis not in owned and axis not in more:
+        if axis not in owned and axis not in shifts:
             raise InputError(
                 f"goal for {formation} sets {axis}, which {formation} does not own; it owns {names}"
             )

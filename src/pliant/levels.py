@@ -2,7 +2,7 @@
 scenarios that rules are not written for (`scenarios.yaml`), which are run in the same way.
 
 A level sets the hole's clearance and the depth that counts as inserted, adds to what a condition
-draws, and names the skills that its axes need and the pegs that it is measured with. A scenario
+draws, and names the method that its axes need and the pegs that it is measured with. A scenario
 says besides what is right in it.
 """
 
@@ -23,7 +23,7 @@ INSERT, STOP, EITHER = "insert", "stop", "either"
 @dataclass(frozen=True, kw_only=True)
 class Level:
     """A rung: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion, `ranges` that
-    are drawn besides a condition's own, the `skills` that are used unless others are asked for, and
+    are drawn besides a condition's own, the `method` that is used unless another is asked for, and
     the `senses` that measure its pictures. `right` is what a method should do in the end: insert,
     stop and say so, or either."""
 
@@ -32,7 +32,7 @@ class Level:
     clearance: float | None
     depth: float
     ranges: Mapping[str, tuple[float, float]]
-    skills: str
+    method: str
     senses: str
     pegs: tuple[str, ...]
     right: str = INSERT
@@ -80,7 +80,7 @@ def shipped_levels() -> Mapping[str, Level]:
             clearance=None if clearance is None else clearance * 1e-3,
             depth=fields.get("depth_mm", 10.0) * 1e-3,
             ranges=ranges,
-            skills=fields.get("skills", "guided"),
+            method=fields.get("method", "guided"),
             senses=fields.get("senses", COLOUR),
             pegs=tuple(fields.get("pegs", ("circle", "square", "rectangle"))),
             right=fields.get("right", INSERT),

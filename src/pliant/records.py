@@ -8,12 +8,14 @@ A trial is the list of its executions; it can be stored, replayed, shown and sco
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import Annotated, Any, Protocol
+
+from pydantic import AliasChoices, Field, PlainSerializer, PlainValidator
 
 from pliant.belief import Belief
 from pliant.cell import Image, Motion, Observation, Stop, Truth
-from pliant.formations import Formation, Goals, Step
-from pliant.pose import Partial, Pose
+from pliant.formations import OWNED, Formation, Goals, Step
+from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.scene import Scene
@@ -220,6 +222,57 @@ class Aborted:
     under_way: Pose | None
 
 
+class KnownMethod(Protocol):
+    """What a reasoner may know of the method that does its plans (`pliant.methods.Method`)."""
+
+    @property
+    def name(self) -> str:
+        """The method's name, as results have it. A reasoner asks the method, and compares no
+        names."""
+        ...
+
+    @property
+    def plannable(self) -> Mapping[Formation, tuple[Axis, ...]]:
+        """The axes that a plan may name in each formation: those that the formation owns, which it
+        must name, and after them the shifts."""
+        ...
+
+    @property
+    def follows_belief(self) -> bool:
+        """Whether the skills correct themselves by what is seen and believed: of a goal then only
+        the shift from the taught one counts, and a model is told the measurements."""
+        ...
+
+    @property
+    def words(self) -> Mapping[str, str]:
+        """The method's own words for a model, by the name of the prompt: "task" says what the
+        skills do. Where it has none, the common ones are used."""
+        ...
+
+    def presses_on(self, step: Step, case: "Case") -> bool:
+        """Whether a step, done next, would go on loading a wrist that the compression limit has
+        just stopped."""
+        ...
+
+    def plan(self, case: "Case", verdict: Verdict, by: str) -> Recovery | None:
+        """The next steps by rules after a failed execution, signed `by` whoever asks; None: keep to
+        the plan."""
+        ...
+
+
+def shifts(method: KnownMethod, formation: Formation) -> tuple[Axis, ...]:
+    """The axes that a step may name beside those that its formation owns: how far from what is
+    believed to aim. A shift holds for its step alone; goals hold none."""
+    return tuple(a for a in method.plannable[formation] if a not in OWNED[formation])
+
+
+def _is_method(value: Any) -> Any:
+    """Whoever reads a case puts the method in the place of its name: records know no methods."""
+    if isinstance(value, str):
+        raise ValueError(f"the method {value!r} was not looked up")
+    return value
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
     """All that a reasoner may know when it judges or recovers: serialisable, so that a stored case
@@ -232,7 +285,9 @@ class Case:
     outcome: Outcome
     evidence: Evidence
     belief: Belief
-    skills: str = "planar"
+    method: Annotated[
+        KnownMethod, PlainValidator(_is_method), PlainSerializer(lambda method: method.name)
+    ]
 
 
 class End(StrEnum):
@@ -267,7 +322,7 @@ class Trial:
     truths: tuple[Truth, ...] = ()  # after each execution; kept apart, so that no Case holds one
     aborted: Aborted | None = None  # the execution during which `fault` happened
     cell: str = "sim"  # the kind of workcell
-    skills: str = "planar"
+    method: Annotated[str, Field(validation_alias=AliasChoices("method", "skills"))] = "planar"
 
     @property
     def judged(self) -> bool:

@@ -8,12 +8,10 @@ from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.formations import RECOVERABLE, Formation, Step, check_axes
 from pliant.pose import Axis, Partial
-from pliant.records import Admission, Case, Recovery, Verdict
-from pliant.skills import GUIDED
+from pliant.records import Admission, Case, Recovery, Verdict, shifts
 
 _UNCHANGED_M = 0.0005  # y
 _SAME_Z_M = 1e-6
-_UNLOADS_M = 0.002  # z; a stop passes its limit by less
 
 
 class Reasoner(Protocol):
@@ -34,7 +32,7 @@ def admit(recovery: Recovery, case: Case, limits: Limits) -> Admission:
 
     A plan runs in the order of the formations from Fit to Insertion, each goal names the axes its
     formation owns, is finite, lies in the workspace and within one step's reach of the goal in
-    force. With the guided skills it may also name shifts, each within that reach of none. After a
+    force. Where the method takes shifts it may name those, each within that reach of none. After a
     compression stop the first step must unload the wrist, and no insertion goes deeper, unless y
     changed. A plan with a refused step is refused from that step on.
     """
@@ -56,7 +54,7 @@ def _refusal(
     if before is not None and step.formation.order != before.order + 1:
         return f"out of order after {before}"
     try:
-        check_axes(step.formation, step.goal, shifts=case.skills == GUIDED)
+        check_axes(step.formation, step.goal, shifts=shifts(case.method, step.formation))
     except InputError as error:
         return str(error)
     if not all(math.isfinite(v) for v in step.goal.values()):
@@ -75,7 +73,7 @@ def _refusal(
             )
     if step.formation is Formation.INSERTION and _deeper_into_resistance(step, case, admitted):
         return "no deeper after a compression stop unless y changes"
-    if before is None and presses_on(step, case):
+    if before is None and case.method.presses_on(step, case):
         return "presses on after a compression stop: retreat, or unload the wrist first"
     return None
 
@@ -84,21 +82,6 @@ def changes(step: Step, case: Case) -> Partial:
     """How far a step moves its formation's goal in force; a shift is its own change."""
     current = case.goals.formations[step.formation]
     return {axis: value - current.get(axis, 0.0) for axis, value in step.goal.items()}
-
-
-def presses_on(step: Step, case: Case) -> bool:
-    """Whether a step, done next, would go on loading a wrist that the compression limit has just
-    stopped: pressed on, it must rise; stretched, it must go down."""
-    if case.outcome.stop is not Stop.COMPRESSION:
-        return False
-    at = case.outcome.looks[-1].observation
-    stretched = at.compression_m < 0.0
-    if case.skills == GUIDED:  # its Fit, Align and retreat see to the load before they travel
-        return step.formation is Formation.INSERTION and not step.retreat
-    if step.retreat:
-        return stretched
-    rises = case.goals.updated(step).target(step.formation).z - at.pose.z
-    return (-rises if stretched else rises) < _UNLOADS_M
 
 
 def _deeper_into_resistance(step: Step, case: Case, admitted: list[Step]) -> bool:

@@ -11,7 +11,7 @@ import platform
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -29,6 +29,7 @@ from pydantic import TypeAdapter, ValidationError
 from pliant import folders, pictures
 from pliant.errors import InputError
 from pliant.files import write_bytes
+from pliant.methods.named import method
 from pliant.records import SCHEMA, Case, Trial
 
 RUN, JOURNAL, TRIAL, CASE, PICTURES = (
@@ -88,8 +89,19 @@ def save_case(folder: Path, case: Case) -> None:
 
 
 def load_case(folder: Path) -> Case:
-    """Read a case that `save_case` wrote. Raises as `load_trial` does."""
-    return _load(folder, CASE, "case", _cases())
+    """Read a case that `save_case` wrote. Raises as `load_trial` does, and where its method is not
+    at hand."""
+    return _load(folder, CASE, "case", _cases(), with_method)
+
+
+def with_method(case: dict[str, Any]) -> dict[str, Any]:
+    """A stored case with the method in the place of its name, which older sets call its skills.
+
+    Raises:
+        InputError: there is no method of that name, or its file is not here.
+    """
+    name = case.get("method", case.get("skills", "planar"))
+    return {**case, "method": method(str(name))}
 
 
 @dataclass(frozen=True)
@@ -166,11 +178,19 @@ def _save(folder: Path, name: str, key: str, adapter: TypeAdapter[T], record: T)
     write_bytes(folder / name, json.dumps(document, separators=(",", ":")).encode())
 
 
-def _load(folder: Path, name: str, key: str, adapter: TypeAdapter[T]) -> T:
+def _load(
+    folder: Path,
+    name: str,
+    key: str,
+    adapter: TypeAdapter[T],
+    completed: Callable[[dict[str, Any]], dict[str, Any]] = lambda document: document,
+) -> T:
     path = folder / name
     document = _document(path)
     try:
-        return adapter.validate_python(document[key], context=Pictures(folder / PICTURES))
+        record = document[key]
+        record = completed(record) if isinstance(record, dict) else record
+        return adapter.validate_python(record, context=Pictures(folder / PICTURES))
     except KeyError as error:
         raise InputError(f"'{path}' holds no {key}; it is broken, run it again") from error
     except ValidationError as error:

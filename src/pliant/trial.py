@@ -9,44 +9,33 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
 
-from pliant.belief import MEMORY, Belief, Seen, descent_of, fold
+from pliant.belief import Belief, Seen, descent_of
 from pliant.cell import Robot
-from pliant.checks import check, check_guided, doubt
+from pliant.checks import doubt
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
+from pliant.methods import Method
 from pliant.pose import Pose
 from pliant.records import (
     Aborted,
     Case,
     End,
-    Evidence,
     Execution,
     Look,
-    Looking,
     Outcome,
     Recovery,
     Verdict,
 )
 from pliant.recovery import Reasoner, admit
-from pliant.skills import PLANAR
 from pliant.task import Task
 from pliant.teaching import Teaching
-from pliant.vision.sight import ByColour, Sight
+from pliant.vision.measure import SIMULATED
+from pliant.vision.sight import Sight
 from pliant.vision.surround import SIDE
 
-_RETAKES = 4  # of pictures that turn out to be stale
-_FRESH_S = 0.15
-
-
-class Skill(Protocol):
-    """Executes a step on the robot, looking when it has come to rest."""
-
-    def __call__(
-        self, robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief
-    ) -> Outcome: ...
+_FRESH_S = 0.15  # a picture so old is stale
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,26 +56,32 @@ class Question:
     answer: Recovery | None = None
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class Run:
-    """One trial being run: iterate over it once; afterwards it holds how it ended."""
+    """One trial being run: iterate over it once; afterwards it holds how it ended.
+
+    `sight` None: the method's own, for the colours of the simulation. `aborted` is the execution
+    that was begun and not judged when it ended, `clock_s` the robot's after the last.
+    """
 
     robot: Robot
     task: Task
     teaching: Teaching
     reasoner: Reasoner
-    skill: Skill
-    skills: str = PLANAR  # the set that `skill` is of
-    memory: int = MEMORY  # readings that a soft belief goes by
+    method: Method
     limits: Limits = field(default_factory=Limits)
     patience: Patience = field(default_factory=Patience)
-    sight: Sight | None = None  # None: by colour, as in simulation
-    end_reason: str = ""
-    fault: str = ""
-    aborted: Aborted | None = None  # the execution that was begun and not judged when it ended
-    clock_s: float = 0.0  # of the robot, after the last execution
-    history: list[Execution] = field(default_factory=list)
-    _begun: tuple[Step, Pose] | None = field(default=None, init=False, repr=False)
+    sight: Sight | None = None
+
+    def __post_init__(self) -> None:
+        self.history: list[Execution] = []
+        self.belief = Belief()
+        self.end_reason = ""
+        self.fault = ""
+        self.aborted: Aborted | None = None
+        self.clock_s = 0.0
+        self._begun: tuple[Step, Pose] | None = None
+        self._sight = self.sight or self.method.sight(self.task, self.teaching, SIMULATED)
 
     def __iter__(self) -> Generator[Execution, None, None]:
         """The executions; the reasoner answers."""
@@ -111,6 +106,7 @@ class Run:
 
     def _turns(self, robot: Guarded) -> Iterator[Question | Execution]:
         goals = self.teaching.goals
+        skill = self.method.skill(self.task, self.teaching, self.limits)
         queue = deque(goals.step(formation) for formation in Formation)
         failures = 0
         while True:
@@ -125,11 +121,10 @@ class Run:
             target = goals.target(step.formation)
             robot.motions.clear()
             self._begun = step, target
-            before = self._belief(None)
-            robot.descent = descent_of(before, self.task, self.teaching)
-            outcome = self.skill(robot, partial(self._look, robot), target, step, before)
-            belief = self._belief(outcome)
-            problem = doubt(self.task, outcome, belief, self.teaching)
+            robot.descent = descent_of(self.belief, self.task, self.teaching)
+            outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
+            self._believe(outcome)
+            problem = doubt(self.task, outcome, self.belief, self.teaching)
             if problem is not None:
                 robot.halt()
                 raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")
@@ -139,9 +134,9 @@ class Run:
                 goals=goals,
                 history=tuple(self.history),
                 outcome=outcome,
-                evidence=self._check(outcome, belief),
-                belief=belief,
-                skills=self.skills,
+                evidence=self.method.check(self.task, outcome, self.belief, self.teaching),
+                belief=self.belief,
+                method=self.method,
             )
             verdict = self.reasoner.judge(case)
             failures = 0 if verdict.success else failures + 1
@@ -179,11 +174,6 @@ class Run:
             if self.end_reason:
                 return
 
-    def _check(self, outcome: Outcome, belief: Belief) -> Evidence:
-        if self.skills == PLANAR:
-            return check(self.task, outcome, self.teaching.scenes)
-        return check_guided(self.task, outcome, self.teaching.scenes, belief)
-
     def _unfinished(self, robot: Guarded) -> Aborted | None:
         if self._begun is None:
             return None
@@ -193,23 +183,16 @@ class Run:
         )
 
     def _look(self, robot: Guarded, cameras: Sequence[str] = (SIDE,)) -> Look:
-        if self.sight is None:
-            self.sight = ByColour(self.task)
         observation = robot.observe(cameras)
-        if self.skills != PLANAR:
-            for _ in range(_RETAKES):
-                if all(
-                    v.time_s >= observation.time_s - _FRESH_S for v in observation.views.values()
-                ):
-                    break
-                observation = robot.observe(cameras)
-        return Look(observation=observation, scene=self.sight(observation))
+        for _ in range(self.method.retakes):
+            if all(v.time_s >= observation.time_s - _FRESH_S for v in observation.views.values()):
+                break
+            observation = robot.observe(cameras)
+        return Look(observation=observation, scene=self._sight(observation))
 
-    def _belief(self, outcome: Outcome | None) -> Belief:
-        outcomes = [e.outcome for e in self.history] + ([outcome] if outcome else [])
-        seen = (
-            Seen(formation=o.step.formation, pose=look.observation.pose, scene=look.scene)
-            for o in outcomes
-            for look in o.looks
-        )
-        return fold(seen, self.teaching, soft=self.skills != PLANAR, memory=self.memory)
+    def _believe(self, outcome: Outcome) -> None:
+        for look in outcome.looks:
+            seen = Seen(
+                formation=outcome.step.formation, pose=look.observation.pose, scene=look.scene
+            )
+            self.belief = self.method.believe(self.belief, seen, self.teaching)

@@ -20,8 +20,9 @@ from pliant.experiment.bench import coin, run, table
 from pliant.experiment.bench.cases import SHIPPED, Cases
 from pliant.experiment.bench.marks import Make, Mark
 from pliant.files import write_bytes
+from pliant.own import located_own, short_name
 from pliant.paths import located
-from pliant.reasoners import VLM, located_reasoner, reasoner, short_name, vlm
+from pliant.reasoners import VLM, reasoner, vlm
 from pliant.recovery import Reasoner
 
 _PLAIN_EVERY_S = 30.0
@@ -71,7 +72,7 @@ def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
     refused before anything is asked."""
     model.refuse_without(is_asked=VLM in names)
     makers: dict[str, Make] = {}
-    for name in map(located_reasoner, names):
+    for name in map(located_own, names):
         if name == VLM:
             vlm(model.vlm, replay=_recording(model.replay, "0001"))
             makers[f"{VLM} ({model.vlm.model})" if model.vlm.model else VLM] = _vlm_for(model)

@@ -36,7 +36,7 @@ def experiment(
     trials: int | None = None,
     first_seed: int | None = None,
     level: str | None = None,
-    skills: str | None = None,
+    method: str | None = None,
     goals: Path | None = None,
     cell: str = "sim",
     out: Path = Path("runs/experiment"),
@@ -63,8 +63,8 @@ def experiment(
         first_seed: default 1; seeds pair across cells.
         level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
             paper's grid.
-        skills: planar (the paper's) or guided, also without some of its mechanisms: guided-ease;
-            default the level's.
+        method: planar (the paper's), guided, also without some of its mechanisms (guided-ease), or
+            your own (path/to/file.py:Class); default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
         cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
             and asked how each trial went.
@@ -87,7 +87,7 @@ def experiment(
         "trials": trials,
         "first_seed": first_seed,
         "level": level,
-        "skills": skills,
+        "method": method,
         "goals": None if goals is None else str(goals),
         "vlm": model.given or None,
     }

@@ -54,7 +54,7 @@ def run(
     seed: int = 1,
     reasoner: str = "rules",
     level: str = "L0",
-    skills: str | None = None,
+    method: str | None = None,
     goals: Path | None = None,
     cell: str = "sim",
     out: Path | None = None,
@@ -76,8 +76,8 @@ def run(
             path/to/file.py:Class.
         level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
             paper's grid.
-        skills: planar (the paper's) or guided, also without some of its mechanisms: guided-ease;
-            default the level's.
+        method: planar (the paper's), guided, also without some of its mechanisms (guided-ease), or
+            your own (path/to/file.py:Class); default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
         cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
             and asked how it went.
@@ -96,7 +96,7 @@ def run(
         "conditions": [ranges.applied_to(condition)],
         "reasoners": reasoner,
         "level": level,
-        "skills": skills,
+        "method": method,
         "trials": 1,
         "first_seed": seed,
         "goals": None if goals is None else str(goals),

@@ -15,9 +15,9 @@ from pliant.cell import Motion, Observation, Robot, Stop, Trace
 from pliant.envelope import Guarded, Limits
 from pliant.errors import InputError
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
+from pliant.methods.planar.skills import PlanarSkills
 from pliant.pose import Axis, Pose
 from pliant.records import Look, Outcome
-from pliant.skills.planar import Planar
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.scene import Scene
@@ -57,10 +57,11 @@ def plan_of(taught: Teaching, task: Task, limits: Limits) -> list[Commanded]:
     goals = taught.goals
     nominal = [(goals.step(f), False) for f in Formation]
     again = [(goals.step(f, retreat=True), True) for f in RECOVERABLE]
+    skill = PlanarSkills(taught=goals, contact_speed_m_s=limits.contact_speed_m_s)
     lines: list[Commanded] = []
     for step, is_retreat in [*nominal, *again]:
         notes = _Notes(pose=goals.target(step.formation))
-        _execute(notes, Planar(taught=goals, contact_speed_m_s=limits.contact_speed_m_s), step)
+        _execute(notes, skill, step)
         lines += [
             Commanded(
                 formation=step.formation,
@@ -122,7 +123,7 @@ def air(robot: Robot, taught: Teaching, task: Task, limits: Limits) -> Iterator[
         RobotFault: the robot cannot go on.
     """
     goals = above(taught, task, limits)
-    skill = Planar(
+    skill = PlanarSkills(
         taught=goals,
         contact_speed_m_s=limits.contact_speed_m_s,
         compression_limit_m=AIR_COMPRESSION,
@@ -135,7 +136,7 @@ def air(robot: Robot, taught: Teaching, task: Task, limits: Limits) -> Iterator[
                 return
 
 
-def _execute(robot: Robot, skill: Planar, step: Step) -> Outcome:
+def _execute(robot: Robot, skill: PlanarSkills, step: Step) -> Outcome:
     def look(cameras: Sequence[str] = ("side",)) -> Look:
         return Look(observation=robot.observe(cameras), scene=_UNSEEN)
 

@@ -40,11 +40,11 @@ from pliant.envs.common import (
 from pliant.errors import InputError, RobotFault
 from pliant.formations import Formation
 from pliant.levels import load_level
+from pliant.methods.planar.skills import PlanarSkills
 from pliant.pose import Axis, Pose
 from pliant.records import Look
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.sim.stream import Streamed
-from pliant.skills.planar import Planar
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Scene
@@ -177,7 +177,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
 
     def _play_taught(self, robot: SimRobot) -> None:
         """The taught skills before the start, without looking."""
-        skill = Planar(taught=self._goals)
+        skill = PlanarSkills(taught=self._goals)
         guarded = Guarded(robot, self._limits)
 
         def unseen(cameras: Sequence[str] = ()) -> Look:

@@ -71,7 +71,7 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         self.render_mode = check_render_mode(render_mode)
         self._task = load_task(peg, level)
         self._level, rung = level, load_level(level)
-        self._condition, self._skills = rung.on(as_condition(condition)), rung.skills
+        self._condition, self._method = rung.on(as_condition(condition)), rung.method
         self._teaching = shipped().for_task(self._task)
         self._limits = Limits()
         self._cell = SimCell()
@@ -158,7 +158,7 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             condition=self._condition,
             seed=trial,
             reasoner=NAME,
-            skills=self._skills,
+            method=self._method,
         )
         self._run = composed(
             spec, self._robot, self._setup, self._teaching, self._judge, limits=self._limits

@@ -79,7 +79,7 @@ TRIALS: tuple[Column, ...] = (
     _column("cell", _TEXT, "sim, ur5e, or emulator: a simulated cell behind a UR5e's software"),
     _column("level", _TEXT, "which grid of disturbances: L0 is the paper's"),
     _column("peg", _TEXT, "the peg's name"),
-    _column("skills", _TEXT, "which skill set: planar is the paper's"),
+    _column("method", _TEXT, "which method: planar is the paper's"),
     _column("condition", _TEXT, "the condition's name"),
     _column("reasoner", _TEXT, "who judged and planned, as it was named in the experiment"),
     _column("model", _TEXT, "the model behind the reasoner; null: none"),

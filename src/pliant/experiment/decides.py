@@ -32,7 +32,7 @@ from pliant import menagerie
 from pliant.errors import InputError
 from pliant.experiment.one import Spec
 from pliant.formations import Formation
-from pliant.reasoners import own_file
+from pliant.own import own_file
 from pliant.task import load_task
 from pliant.teaching import Teaching
 
@@ -67,7 +67,8 @@ def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:
 def expected(spec: Spec) -> dict[str, Any]:
     """What a worker that simulates this trial must find to be so where it is."""
     found = installation(vlm=spec.vlm is not None)
-    return {**found, "reasoner_file": reasoner_file(spec.reasoner)}
+    own = {"reasoner_file": spec.reasoner, "method_file": spec.method}
+    return {**found, **{what: own_file_hash(name) for what, name in own.items()}}
 
 
 def check(spec: Spec, wanted: Mapping[str, Any]) -> None:
@@ -97,8 +98,9 @@ def digest(*parts: bytes) -> str:
     return total.hexdigest()
 
 
-def reasoner_file(name: str) -> str | None:
-    """Content hash of a user's reasoner file; what that file imports is not followed."""
+def own_file_hash(name: str) -> str | None:
+    """Content hash of a user's own file, of a reasoner or a method; None: the name is another's.
+    What that file imports is not followed."""
     own = own_file(name)
     return digest(own[0].read_bytes()) if own is not None and own[0].is_file() else None
 

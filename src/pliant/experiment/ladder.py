@@ -11,15 +11,15 @@ from pliant.levels import INSERT, STOP, Level, shipped_levels
 from pliant.records import End
 
 STOPPED_BY = ("fault:no_touch", "fault:sensor", "fault:loaded")
-PAPERS_LEVEL, PAPERS_SKILLS = "L0", "planar"
-_Key = tuple[str, str, str]  # level, skills, reasoner
+PAPERS_LEVEL, PAPERS_METHOD = "L0", "planar"
+_Key = tuple[str, str, str]  # level, method, reasoner
 
 
 def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
     """Success, wrong verdicts, motions and simulated time of each level; empty for the paper's
-    grid with the paper's skills, which Table II shows."""
+    grid with the paper's method, which Table II shows."""
     groups = [(k, g) for k, g in _groups(trials) if not _is_scenario(k[0])]
-    if all(key[:2] == (PAPERS_LEVEL, PAPERS_SKILLS) for key, _ in groups):
+    if all(key[:2] == (PAPERS_LEVEL, PAPERS_METHOD) for key, _ in groups):
         return []
     return [_row(key, group) for key, group in groups]
 
@@ -32,7 +32,7 @@ def scenarios(trials: Iterable[Row]) -> list[dict[str, Any]]:
 def _groups(trials: Iterable[Row]) -> list[tuple[_Key, list[Row]]]:
     groups: dict[_Key, list[Row]] = {}
     for trial in trials:
-        key = (trial["level"], trial.get("skills") or PAPERS_SKILLS, trial["reasoner"])
+        key = (trial["level"], trial.get("method") or PAPERS_METHOD, trial["reasoner"])
         groups.setdefault(key, []).append(trial)
     order = list(shipped_levels())
     ranked = sorted(groups, key=lambda key: order.index(key[0]) if key[0] in order else len(order))
@@ -45,12 +45,12 @@ def _is_scenario(level: str) -> bool:
 
 
 def _row(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
-    level, skills, reasoner = key
+    level, method, reasoner = key
     pegs = list(dict.fromkeys(t["peg"] for t in every))
     trials = measures.measured(every)
     return {
         "level": level,
-        "skills": skills,
+        "method": method,
         "reasoner": reasoner,
         "n": len(trials),
         "faults": len(every) - len(trials),
@@ -79,13 +79,13 @@ def _effort(trials: Sequence[Row]) -> dict[str, float | None]:
 
 
 def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
-    name, skills, reasoner = key
+    name, method, reasoner = key
     trials = measures.measured(every)
     level = shipped_levels()[name]
     ends = [str(t["end_reason"]) for t in trials]
     return {
         "scenario": name,
-        "skills": skills,
+        "method": method,
         "reasoner": reasoner,
         "n": len(trials),
         "faults": len(every) - len(trials),

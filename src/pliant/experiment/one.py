@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pliant import signals
-from pliant.belief import MEMORY, hang_share, sag_m
 from pliant.cell import Robot, Truth, Workcell
 from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
@@ -16,16 +15,16 @@ from pliant.experiment import faults
 from pliant.experiment.misread import Misread
 from pliant.experiment.oracle import NAME, Oracle
 from pliant.levels import EDGES, load_level
-from pliant.reasoners import reasoner, short_name, vlm
+from pliant.methods.named import method
+from pliant.own import short_name
+from pliant.reasoners import reasoner, vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
-from pliant.skills import PLANAR, kind_of, lacks, skill_set
 from pliant.task import Task, on_level
 from pliant.teaching import Teaching
 from pliant.trial import Run
 from pliant.vision.measure import SIMULATED, Colours
-from pliant.vision.sight import ByColour, ByEdges, Sight
 
 INTERRUPTED = "fault:interrupted"
 """How a trial ends that the person stops."""
@@ -35,8 +34,8 @@ INTERRUPTED = "fault:interrupted"
 class Spec:
     """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`, a
     user's file with its folder; with `vlm` it is what this model with these settings is called.
-    `skills` is a name of `skills`. `level` is the rung or the scenario that the task's hole and
-    depth are of.
+    `method` is a name of `methods`, or a user's file likewise. `level` is the rung or the scenario
+    that the task's hole and depth are of.
 
     Raises:
         InputError: no level has that name, or the task is on another.
@@ -48,7 +47,7 @@ class Spec:
     reasoner: str
     level: str = "L0"
     vlm: Settings | None = None
-    skills: str = PLANAR
+    method: str = "planar"
 
     def __post_init__(self) -> None:
         if on_level(self.task, load_level(self.level)) != self.task:
@@ -145,7 +144,7 @@ def perform(
         truths=tuple(truths),
         aborted=aborted,
         cell=cell.kind,
-        skills=spec.skills,
+        method=short_name(spec.method),
     )
 
 
@@ -159,30 +158,20 @@ def composed(
     limits: Limits | None = None,
     colours: Colours = SIMULATED,
 ) -> Run:
-    """The loop of a trial, with the skills and the sight that its level asks for. `robot` is
+    """The loop of a trial, with the sight that its level asks for. `robot` is
     prepared with `setup`, and `teaching` is for the task. Of the setup and the level nothing is in
     the loop but through what is sensed."""
-    limits = limits or Limits()
+    way = method(spec.method)
+    known = None if load_level(spec.level).senses == EDGES else colours
     return Run(
         robot=robot,
         task=spec.task,
         teaching=teaching,
         reasoner=mind,
-        skill=skill_set(spec.skills, spec.task, teaching, limits),
-        skills=kind_of(spec.skills),
-        memory=1 if "median" in lacks(spec.skills) else MEMORY,
-        limits=limits,
-        sight=Misread(_sight(spec, teaching, colours), setup),
+        method=way,
+        limits=limits or Limits(),
+        sight=Misread(way.sight(spec.task, teaching, known), setup),
     )
-
-
-def _sight(spec: Spec, teaching: Teaching, colours: Colours) -> Sight:
-    """By colour, or by edges where a level's colours are anything."""
-    if load_level(spec.level).senses == EDGES:
-        share, sag = hang_share(teaching), sag_m(teaching)
-        calibrates = "calibration" not in lacks(spec.skills)
-        return ByEdges(spec.task, hang_share=share, sag_m=sag, calibrates=calibrates)
-    return ByColour(spec.task, colours)
 
 
 def _reasoner(

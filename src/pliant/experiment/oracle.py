@@ -36,7 +36,11 @@ class Oracle(Rules):
         outcome = case.outcome
         last = outcome.looks[-1]
         seen = Look(observation=last.observation, scene=_as_seen(truth, case.task))
-        belief = Belief(hole_y=_exactly(truth.hole_y), grasp_roll=_exactly(self.setup.grasp_roll))
+        belief = Belief(
+            hole_y=_exactly(truth.hole_y),
+            grasp_roll=_exactly(self.setup.grasp_roll),
+            surface_z=_exactly(_surface_z(truth)),
+        )
         known = replace(
             case, outcome=replace(outcome, looks=(*outcome.looks[:-1], seen)), belief=belief
         )
@@ -66,9 +70,14 @@ def _as_seen(truth: Truth, task: Task) -> Scene:
             box_px=_NO_BOX,
             center_px=_NOWHERE,
             y=_exactly(truth.hole_y),
-            surface_z=_exactly(truth.tip[2] + truth.depth_m),
+            surface_z=_exactly(_surface_z(truth)),
         ),
     )
+
+
+def _surface_z(truth: Truth) -> float:
+    """Of the board, where the hole is [m]."""
+    return truth.tip[2] + truth.depth_m
 
 
 def _exactly(value: float) -> Measured:

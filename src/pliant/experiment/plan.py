@@ -31,13 +31,14 @@ from pliant.experiment.one import Spec
 from pliant.experiment.trust import Agree, Named, refuse
 from pliant.experiment.where import Where
 from pliant.levels import FIELDS, load_level
+from pliant.methods.named import method
+from pliant.own import located_own, own_file, short_name
 from pliant.paths import located
-from pliant.reasoners import REASONERS, VLM, located_reasoner, own_file, reasoner
+from pliant.reasoners import REASONERS, VLM, reasoner
 from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import SCHEMA
-from pliant.skills import PLANAR, kind_of
 from pliant.task import Task, load_task, located_peg
 from pliant.teaching import Teaching
 
@@ -47,8 +48,8 @@ _WHOLE = {"trials": (1, MOST_TRIALS), "first_seed": (0, MOST_SEED)}
 T = TypeVar("T")
 
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
-_FIELDS = (*_BLOCK, "level", "skills", "cells", "trials", "first_seed", "goals", "vlm")
-_CELL_FIELDS = (*_BLOCK.values(), "level", "skills")
+_FIELDS = (*_BLOCK, "level", "method", "cells", "trials", "first_seed", "goals", "vlm")
+_CELL_FIELDS = (*_BLOCK.values(), "level", "method")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +61,7 @@ class Cell:
     condition: Condition
     reasoner: str
     vlm: Settings | None = None
-    skills: str = PLANAR
+    method: str = "planar"
 
     @property
     def names(self) -> tuple[str, str, str, str]:
@@ -75,7 +76,7 @@ class Cell:
             seed=seed,
             reasoner=self.reasoner,
             vlm=self.vlm,
-            skills=self.skills,
+            method=self.method,
         )
 
 
@@ -109,7 +110,7 @@ class Experiment:
                     " file, the condition or the reasoner's file of one"
                 )
         for cell in self.cells:
-            self.where.check(cell.level, cell.condition, cell.reasoner, cell.skills)
+            self.where.check(cell.level, cell.condition, cell.reasoner, cell.method)
 
     def __len__(self) -> int:
         return len(self.cells) * self.trials
@@ -140,7 +141,7 @@ class Experiment:
     @cached_property
     def document(self) -> dict[str, Any]:
         """Everything that decides outcomes, as JSON: pegs and conditions in full, content hashes of
-        goals and of a user's reasoner file, and what is installed (`decides`)."""
+        goals and of a user's own files, and what is installed (`decides`)."""
         return {
             "schema": SCHEMA,
             "trials": self.trials,
@@ -151,9 +152,10 @@ class Experiment:
                     "level": c.level,
                     "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
                     "reasoner": c.names[-1],
-                    "reasoner_file": decides.reasoner_file(c.reasoner),
+                    "reasoner_file": decides.own_file_hash(c.reasoner),
                     "vlm": None if c.vlm is None else asdict(c.vlm),
-                    "skills": c.skills,
+                    "method": short_name(c.method),
+                    "method_file": decides.own_file_hash(c.method),
                 }
                 for c in self.cells
             ],
@@ -163,11 +165,12 @@ class Experiment:
         }
 
     @property
-    def expected(self) -> dict[str, dict[str, Any]]:
-        """What a worker must find installed, by reasoner. Nothing where no worker simulates."""
+    def expected(self) -> dict[tuple[str, str], dict[str, Any]]:
+        """What a worker must find installed, by reasoner and method. Nothing where no worker
+        simulates."""
         if self.where.kind != "sim":
             return {}
-        return {c.reasoner: decides.expected(c.spec(0)) for c in self.cells}
+        return {(c.reasoner, c.method): decides.expected(c.spec(0)) for c in self.cells}
 
     @property
     def fingerprint(self) -> str:
@@ -239,17 +242,20 @@ def _planned(
     for _, block in blocks:
         block.setdefault("level", _Given(given.get("level", "L0"), ("level",)))
         block.update({_BLOCK[k]: _Given(v) for k, v in replaced.items() if k in _BLOCK})
-        block.setdefault("skills", _Given(given.get("skills"), ("skills",)))
-        block.update({k: _Given(v) for k, v in replaced.items() if k in ("level", "skills")})
+        block.setdefault("method", _Given(given.get("method"), ("method",)))
+        block.update({k: _Given(v) for k, v in replaced.items() if k in ("level", "method")})
     asked = {k: _Given(v, ("vlm", k)) for k, v in _settings(given).items()}
     asked |= {k: _Given(v) for k, v in _settings(replaced).items()}
     cells: list[Cell] = []
     for place, block in blocks:
         cells += [cell for cell in _cells(place, block, asked) if cell not in cells]
     minds = [mind for _, block in blocks for mind in block["reasoner"].each()]
-    agree(_named(minds, asked))
+    ways = [block["method"] for _, block in blocks]
+    agree(_named(minds, ways, asked))
     for mind in minds:
         mind.read(_see_that_it_can_be_made)
+    for way in ways:
+        way.read(lambda name: name is None or method(name))
     options = {**given, **replaced}
     goals = options.get("goals")
     if goals is not None and not isinstance(goals, str):
@@ -289,7 +295,7 @@ class _Given:
 
 def _located(fields: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
     """The fields with every path in them absolute. What is no name is left, to be refused."""
-    makers = {"peg": located_peg, "reasoner": located_reasoner}
+    makers = {"peg": located_peg, "reasoner": located_own, "method": located_own}
     makers |= {many: makers[single] for many, single in _BLOCK.items() if single in makers}
 
     def place(name: str, value: Any) -> Any:
@@ -345,7 +351,7 @@ def _cells(
             with within(*place):
                 raise InputError(f"a cell lacks its {single}: give one, or a list of them")
     pegs, conditions, reasoners = (block[single].each() for single in _BLOCK.values())
-    skills = block["skills"].read(lambda name: _skills(name, level.skills))
+    way = block["method"].read(lambda name: _method(name, level.method))
     tasks = [peg.read(lambda name: load_task(_name("peg", name), level.name)) for peg in pegs]
     drawn = [level.on(entry.read(parse_condition)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
@@ -356,15 +362,14 @@ def _cells(
             condition=drawing,
             reasoner=name,
             vlm=settings,
-            skills=skills,
+            method=way,
         )
 
 
-def _skills(name: Any, usual: str) -> str:
+def _method(name: Any, usual: str) -> str:
     if name is None:
         return usual
-    kind_of(_name("skills", name))
-    return str(name)
+    return _name("method", name)
 
 
 def _reasoner(given: _Given, asked: Mapping[str, _Given]) -> tuple[str, Settings | None]:
@@ -398,9 +403,10 @@ def _reasoners_name(entry: Any) -> str:
     return _name("reasoner", entry)
 
 
-def _named(minds: list[_Given], asked: Mapping[str, _Given]) -> Named:
+def _named(minds: list[_Given], ways: list[_Given], asked: Mapping[str, _Given]) -> Named:
     """What the file itself names of the code that is run and of the models that are asked."""
-    code, servers = [], []
+    code = [w.value for w in ways if w.place and w.value is not None and own_file(w.value)]
+    servers = []
     for mind in minds:
         name, settings = _reasoner(mind, asked)
         if settings is None:

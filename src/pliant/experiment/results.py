@@ -23,7 +23,7 @@ _MOST_BYTES = 1 << 31  # of all rows in memory: ten times those of a million tri
 _MOST_SAID = 200  # characters of Arrow's own words
 _AGAIN = "write it again with the command that began the experiment"
 _WHOSE = (
-    *("trial_id", "cell", "level", "peg", "skills", "condition", "reasoner", "seed", "judged"),
+    *("trial_id", "cell", "level", "peg", "method", "condition", "reasoner", "seed", "judged"),
     *("end_reason", "executions", "moves", "simulated_s", "wall_s"),
     *("decisions", "own", "clamped", "fallbacks", "tokens"),
 )

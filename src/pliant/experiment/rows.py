@@ -13,6 +13,7 @@ from pliant.experiment import faults
 from pliant.experiment.columns import axis_field
 from pliant.experiment.one import Spec
 from pliant.formations import RECOVERABLE, Formation, Step
+from pliant.own import short_name
 from pliant.pose import Axis, Partial, Pose
 from pliant.records import Decision, End, Exchange, Execution, Trial
 
@@ -60,7 +61,7 @@ def trial_row(trial: Trial) -> Row:
         "cell": trial.cell,
         "level": trial.level,
         "peg": trial.task.peg.name,
-        "skills": trial.skills,
+        "method": trial.method,
         "condition": trial.condition,
         "reasoner": trial.reasoner,
         "model": trial.model,
@@ -91,7 +92,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") 
             "cell": cell,
             "level": spec.level,
             "peg": spec.task.peg.name,
-            "skills": spec.skills,
+            "method": short_name(spec.method),
             "condition": spec.condition.name,
             "reasoner": spec.reasoner_name,
             "model": None if spec.vlm is None else spec.vlm.model,

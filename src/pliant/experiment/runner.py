@@ -128,7 +128,7 @@ def run(
                 save=save,
                 record=record,
                 replay=replay,
-                expected=expected.get(spec.reasoner),
+                expected=expected.get((spec.reasoner, spec.method)),
             )
             for spec, offset in zip(experiment.specs(), place.offsets, strict=True)
             if offset < 0

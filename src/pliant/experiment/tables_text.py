@@ -86,13 +86,13 @@ def _section(
 def ladder(rows: Sequence[Document]) -> str:
     """A row per level, skill set and reasoner; the paper's criterion or the level's own depth."""
     beside = _faults_beside(rows)
-    header = ["level", "skills", "reasoner", *beside, "inserted [%]", *_own_beside(rows)]
+    header = ["level", "method", "reasoner", *beside, "inserted [%]", *_own_beside(rows)]
     header += ["judged ≠ inserted [%]"]
     header += ["false accepts [%]", "executions", "motions", "simulated time [s]", "failures"]
     table = _table(
         header,
         [
-            [r["level"], r["skills"], shown_name(r), *(str(r.get("faults", 0)) for _ in beside)]
+            [r["level"], r["method"], shown_name(r), *(str(r.get("faults", 0)) for _ in beside)]
             + [_outcome(r, "inserted"), *_own(r, rows), _number(r["wrong"]["percent"], 1)]
             + [_number(r["false_accepts"]["percent"], 1), _number(r["executions"], 1)]
             + [_number(r["moves"], 0), _number(r["simulated_s"], 0)]

@@ -12,7 +12,7 @@ from pliant.conditions import Condition
 from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.experiment import oracle
-from pliant.skills import PLANAR
+from pliant.methods.named import method
 from pliant.ur5e import configuration as ur5e
 from pliant.vision.measure import SIMULATED, Colours
 
@@ -83,7 +83,7 @@ class Where:
         text = json.dumps(content, sort_keys=True)
         return {"kind": self.kind, "configuration": hashlib.sha256(text.encode()).hexdigest()}
 
-    def check(self, level: str, condition: Condition, reasoner: str, skills: str) -> None:
+    def check(self, level: str, condition: Condition, reasoner: str, by: str) -> None:
         """Whether trials of this kind can be had here. A person sets one place and one angle, sees
         through one camera and does not know the whole truth; an emulated cell does as much, with
         the paper's friction besides.
@@ -103,10 +103,10 @@ class Where:
             )
         if self.kind == "emulator" and level != "L0":
             raise InputError(f"level {level}: {cell} has the holes of L0 only; leave it out")
-        if skills != PLANAR:
+        if len(method(by).cameras) > 1:
             raise InputError(
-                f"the {skills} skills look with several cameras, and {cell} has one: --skills"
-                f" {PLANAR}"
+                f"method {by} looks with several cameras, and {cell} has one: choose another, such"
+                " as planar"
             )
         if self.kind == "ur5e" and reasoner == oracle.NAME:
             raise InputError(f"the oracle plans from the whole truth, which {cell} does not tell")

@@ -9,6 +9,7 @@ from pliant.checks import TILT_TOLERANCE_DEG, half_hole, pose_check
 from pliant.conditions import NOMINAL, Setup
 from pliant.experiment.oracle import Oracle
 from pliant.formations import Formation, Goals
+from pliant.methods.named import method
 from pliant.records import Case, Execution, Recovery, Trial, Verdict
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -75,6 +76,7 @@ def correction(trial: Trial, label: Label) -> Recovery | None:
         outcome=execution.outcome,
         evidence=execution.evidence,
         belief=execution.belief,
+        method=method(trial.method),
     )
     return oracle.recover(case, verdict)
 

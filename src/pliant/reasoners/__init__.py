@@ -1,14 +1,12 @@
 """Reasoners by name: the controls, the rules, a VLM, or a user's own as `my_reasoner.py:Mine`."""
 
-import importlib.util
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pliant.envelope import Limits
-from pliant.errors import InputError, described, unknown
-from pliant.paths import located
+from pliant.errors import InputError, unknown
+from pliant.own import make_own, own_file
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.settings import Decider, Settings
@@ -36,54 +34,17 @@ def reasoner(name: str) -> Reasoner:
     """
     if name in REASONERS:
         return REASONERS[name]()
-    if (own := own_file(name)) is None:
+    if own_file(name) is None:
         raise unknown(
             "reasoner",
             name,
             [*REASONERS, VLM],
             "in simulation oracle, or your own as path/to/file.py:Class",
         )
-    path, attribute = own
-    spec = importlib.util.spec_from_file_location(f"pliant_user_{path.stem}", path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise InputError(f"reasoner file '{path}' does not exist")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look themselves up there
-    try:
-        spec.loader.exec_module(module)
-        made = getattr(module, attribute)()
-    except (Exception, SystemExit) as error:  # a user's file may raise anything
-        raise InputError(f"reasoner '{name}' cannot be made: {described(error)}") from error
-    for method in ("judge", "recover", "name"):
-        if not hasattr(made, method):
-            raise InputError(f"reasoner '{name}' lacks '{method}'; see pliant.recovery.Reasoner")
+    made: Reasoner = make_own(
+        "reasoner", name, ("judge", "recover", "name"), "pliant.recovery.Reasoner"
+    )
     return made
-
-
-def own_file(name: str, folder: Path | None = None) -> tuple[Path, str] | None:
-    """The file, absolute, and the class of a user's own reasoner; None: the name is another's. A
-    relative path counts from `folder`, or without it from the current folder."""
-    path, attribute = _parts(name)
-    return (located(path, folder), attribute) if path else None
-
-
-def located_reasoner(name: str, folder: Path | None = None) -> str:
-    """A reasoner's name as `reasoner` takes it, whatever the current folder is."""
-    own = own_file(name, folder)
-    return name if own is None else f"{own[0]}:{own[1]}"
-
-
-def short_name(name: str) -> str:
-    """A reasoner's name as results have it: a user's file without its folder, so that results do
-    not depend on where that is."""
-    path, attribute = _parts(name)
-    return f"{Path(path).name}:{attribute}" if path else name
-
-
-def _parts(name: str) -> tuple[str, str]:
-    """The path and the class in the name of a user's own reasoner; of another's, nothing."""
-    path, _, attribute = name.rpartition(":")  # the last: a drive or a folder may hold one, too
-    return (path, attribute) if path.endswith(".py") else ("", "")
 
 
 def vlm(

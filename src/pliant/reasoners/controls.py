@@ -7,7 +7,6 @@ from pliant.formations import Formation, Step
 from pliant.pose import Axis
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, FailureAnalysis, Recovery, Verdict
-from pliant.recovery import presses_on
 
 _SWEEP_M = (0.0, -0.005, 0.005, -0.010, 0.010, -0.015, 0.015, -0.020, 0.020)  # around the taught
 _STEP_M = 0.009  # of `messages`: Table I gives a direction and no size
@@ -65,7 +64,7 @@ class Messages(Rules):
             steps.insert(1, case.goals.step(Formation.ALIGN))
         y = case.goals.formations[start][Axis.Y] + shift
         steps[0] = Step(formation=start, goal={Axis.Y: y})
-        if presses_on(steps[0], case):
+        if case.method.presses_on(steps[0], case):
             steps[0] = replace(steps[0], retreat=True)
         analysis = FailureAnalysis(
             what=words or verdict.reason,

@@ -119,9 +119,9 @@ def command(names: Names, cell: Mapping[str, Any] | None) -> str:
         options += ["--reasoner", reasoner]
     if level != "L0":
         options += ["--level", level]
-    rung, skills = shipped_levels().get(level), (cell or {}).get("skills")
-    if rung is not None and skills not in (None, rung.skills):
-        options += ["--skills", str(skills)]
+    rung, method = shipped_levels().get(level), (cell or {}).get("method")
+    if rung is not None and method not in (None, rung.method):
+        options += ["--method", str(method)]
     return f"pliant run {shlex.join(options)} --seed SEED"
 
 

@@ -35,7 +35,7 @@ from pliant.experiment.bench.answers import Answer
 from pliant.files import write_bytes
 from pliant.formations import Formation, Goals
 from pliant.records import SCHEMA, Case, Look, Outcome
-from pliant.store import picture_name
+from pliant.store import picture_name, with_method
 from pliant.teaching import Teaching
 
 SHIPPED = Path(__file__).with_name("cases.zip")
@@ -119,7 +119,7 @@ class Cases:
                 document = _record(line, where)
                 goals = _valid(Goals, document.get("teaching"), where)
                 document["teaching"] = replace(teaching, goals=goals)
-                case = _valid(Case, document, where, pictures)
+                case = _valid(Case, with_method(document), where, pictures)
                 if key.formation is not case.outcome.step.formation:
                     raise InputError(f"{where}: the answer is to another case{_AGAIN}")
                 yield Question(name=f"{number:04d}", case=case, key=key)

@@ -9,21 +9,18 @@ from dataclasses import replace
 from pydantic import BaseModel
 
 from pliant.envelope import Limits
-from pliant.formations import OWNED, RECOVERABLE, SHIFTED, SHIFTS, Formation, Step
+from pliant.formations import OWNED, RECOVERABLE, Formation, Step
 from pliant.pose import Axis, Partial
 from pliant.reasoners.vlm.replies import (
     AbsolutePlan,
     AbsoluteStep,
     Analysis,
     BoundedPlan,
-    GuidedAnalysis,
-    GuidedPlan,
-    GuidedStep,
     change_field,
     motion_field,
     shift_field,
 )
-from pliant.records import Case, FailureAnalysis, Recovery
+from pliant.records import Case, FailureAnalysis, Recovery, shifts
 from pliant.recovery import admit, changes
 
 _NO_MOTION = 0.0005  # [m, rad] a change or a suggestion smaller than this has no direction
@@ -32,8 +29,8 @@ _STOP = "stop"
 
 
 def analysis_of(reply: Analysis) -> FailureAnalysis:
-    axes = (Axis.Y, Axis.Z, *(SHIFTS if isinstance(reply, GuidedAnalysis) else ()))
-    motion = {axis: axis.from_report(getattr(reply, motion_field(axis))) for axis in axes}
+    axes = sorted(Axis, key=lambda axis: axis not in (Axis.Y, Axis.Z))
+    motion = {a: a.from_report(getattr(reply, motion_field(a), 0)) for a in axes}
     return FailureAnalysis(
         what=reply.what_happened,
         why=reply.why,
@@ -44,7 +41,7 @@ def analysis_of(reply: Analysis) -> FailureAnalysis:
 
 def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
     """The steps that a plan in either form names; none: stop."""
-    if isinstance(reply, AbsolutePlan | GuidedPlan):
+    if isinstance(reply, AbsolutePlan):
         return tuple(
             Step(
                 formation=Formation(step.skill),
@@ -65,7 +62,11 @@ def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
                     axis: value + _change(reply, formation, axis)
                     for axis, value in case.goals.formations[formation].items()
                 },
-                **{a: by for a in SHIFTED[formation] if (by := _change(reply, formation, a))},
+                **{
+                    axis: by
+                    for axis in shifts(case.method, formation)
+                    if (by := _change(reply, formation, axis))
+                },
             },
             retreat=reply.retreat_first and formation is start,
         )
@@ -75,10 +76,8 @@ def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
 
 
 def _shifts(step: AbsoluteStep) -> Partial:
-    """The shifts of a step that has some; for insertion too, which has none and is refused."""
-    if not isinstance(step, GuidedStep):
-        return {}
-    told = {axis: axis.from_report(getattr(step, shift_field(axis))) for axis in SHIFTS}
+    """The shifts that a step names; where its formation has none, too, to be refused."""
+    told = {axis: axis.from_report(getattr(step, shift_field(axis), 0)) for axis in Axis}
     return {axis: by for axis, by in told.items() if by}
 
 
@@ -89,10 +88,10 @@ def _change(reply: BoundedPlan, formation: Formation, axis: Axis) -> float:
 
 def in_metres(reply: BaseModel, case: Case) -> str | None:
     """Why a plan seems to be written in metres, and so says nothing; None: it does not."""
-    if isinstance(reply, AbsolutePlan | GuidedPlan):
+    if isinstance(reply, AbsolutePlan):
         for step in steps_of(reply, case):
             for axis, value in step.goal.items():
-                if axis in SHIFTS:
+                if axis not in OWNED[step.formation]:
                     continue
                 told, current = value * 1e3, case.goals.formations[step.formation][axis] * 1e3
                 if abs(told * 1e3 - current) < abs(told - current):

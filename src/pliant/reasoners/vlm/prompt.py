@@ -16,14 +16,13 @@ from pydantic_ai.messages import BinaryContent, UserContent
 
 from pliant.belief import Belief
 from pliant.cell import Stop
-from pliant.formations import MOST_TURN, OWNED, SHIFTED, Formation, Goals, Step
+from pliant.errors import InputError
+from pliant.formations import MOST_TURN, OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose, describe
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
 from pliant.vision.scene import Measured, Scene
 
-GUIDED = "guided"
-_IN_PLANE = (Axis.Y, Axis.Z, Axis.ROLL)
 _NOT_MADE = "–"
 _BELIEVED = {
     "hole_x": ("hole", Axis.X),
@@ -38,7 +37,11 @@ _APART_M = 0.003  # a reading so far from the belief is not believed
 
 
 def instructions(settings: Settings, case: Case, *stages: str) -> str:
-    """The static part: the task with its set of skills, then what is asked in each of `stages`."""
+    """The static part: the task with its method's skills, then what is asked in each of `stages`.
+
+    Raises:
+        InputError: the method has no words for a model.
+    """
     task = case.task
     values = {
         "peg": f"the {task.peg.name}, {task.peg.length * 1e3:.0f} mm long",
@@ -47,23 +50,27 @@ def instructions(settings: Settings, case: Case, *stages: str) -> str:
         "step_limit_mm": f"{settings.step_limit_mm:g}",
         "turn_limit_deg": f"{Axis.PITCH.to_report(MOST_TURN):g}",
     }
-    prompts = (_prompt(name, case.skills) for name in ("task", *stages))
+    words = case.method.words
+    if "task" not in words:
+        raise InputError(
+            f"method {case.method.name} has no words for a model: its `words` must hold a 'task',"
+            " which says what its skills do"
+        )
+    prompts = (words.get(name) or _common(name) for name in ("task", *stages))
     return "\n".join(Template(text).substitute(values) for text in prompts)
 
 
 @cache
-def _prompt(name: str, skills: str) -> str:
-    """A prompt in the words of a set of skills, or where it has none of its own, in the common
-    ones."""
-    folder = files("pliant.reasoners.vlm") / "prompts"
-    own = folder / f"{name}_{skills}.md"
-    return (own if own.is_file() else folder / f"{name}.md").read_text(encoding="utf-8")
+def _common(name: str) -> str:
+    """A prompt in the words that do for any method."""
+    prompt = files("pliant.reasoners.vlm") / "prompts" / f"{name}.md"
+    return prompt.read_text(encoding="utf-8")
 
 
 def tells_measurements(settings: Settings, case: Case) -> bool:
-    """Whether the model is told what was measured: with the guided skills, which go by it, unless
-    it is withheld; with the paper's, if asked for."""
-    return settings.measurements or (settings.belief and case.skills == GUIDED)
+    """Whether the model is told what was measured: where the skills go by it, unless it is
+    withheld; else, if asked for."""
+    return settings.measurements or (settings.belief and case.method.follows_belief)
 
 
 def situation(
@@ -101,13 +108,13 @@ def _sections(
     verdict: Verdict | None,
     analysis: FailureAnalysis | None,
 ) -> Iterable[str]:
-    is_guided = case.skills == GUIDED
-    yield _shifts(case) if is_guided else _goals(case.goals)
+    follows = case.method.follows_belief
+    yield _shifts(case) if follows else _goals(case.goals)
     if settings.history and case.history:
         yield _history(case, settings)
     yield _executed(case, settings)
     if tells_measurements(settings, case):
-        yield _seen(case) if is_guided else _measured(case)
+        yield _seen(case) if follows else _measured(case)
     if verdict is not None:
         yield f"## Verdict\nfailure: {verdict.reason}" + (
             f"\nconflict: {verdict.conflict}" if verdict.conflict else ""
@@ -126,7 +133,7 @@ def _goals(goals: Goals) -> str:
 
 
 def _shifts(case: Case) -> str:
-    """The goals in force beside the taught ones: a guided skill goes by the difference."""
+    """The goals in force beside the taught ones, where the skills go by the difference."""
     rows = []
     for formation in Formation:
         goal, taught = (g.formations[formation] for g in (case.goals, case.teaching.goals))
@@ -141,7 +148,7 @@ def _history(case: Case, settings: Settings) -> str:
         [
             str(e.index + 1),
             str(e.formation) + (" after a retreat" if e.outcome.step.retreat else ""),
-            _goal(e.outcome.step),
+            _goal(e.outcome.step, case),
             *_checks(e.evidence, settings, case).values(),
             "success" if e.verdict.success else "failure",
         ]
@@ -155,12 +162,13 @@ def _executed(case: Case, settings: Settings) -> str:
     outcome = case.outcome
     formation = outcome.step.formation
     checks = _checks(case.evidence, settings, case)
-    axes = tuple(Axis) if case.skills == GUIDED else _IN_PLANE
+    named = {axis for axes in case.method.plannable.values() for axis in axes}
+    axes = [axis for axis in Axis if axis in named]
     return "\n".join(
         [
             f"## Executed last: no {len(case.history) + 1}, {formation}"
             + (" after a retreat" if outcome.step.retreat else ""),
-            f"goal: {_goal(outcome.step)}",
+            f"goal: {_goal(outcome.step, case)}",
             f"terminal pose: {_mm(outcome.pose, axes)}",
             _compression(outcome),
             *(f"{name}: {told}" for name, told in checks.items() if told != _NOT_MADE),
@@ -168,10 +176,9 @@ def _executed(case: Case, settings: Settings) -> str:
     )
 
 
-def _goal(step: Step) -> str:
+def _goal(step: Step, case: Case) -> str:
     """A step's goal: its own axes, then the shifts that it has."""
-    shifts = (axis for axis in SHIFTED[step.formation] if axis in step.goal)
-    return _mm(step.goal, (*OWNED[step.formation], *shifts))
+    return _mm(step.goal, [a for a in case.method.plannable[step.formation] if a in step.goal])
 
 
 def _compression(outcome: Outcome) -> str:
@@ -201,7 +208,7 @@ def _measured(case: Case) -> str:
 
 
 def _seen(case: Case) -> str:
-    """What was measured after a guided skill, what was not, and what is believed of all looks."""
+    """What was measured after the skill, what was not, and what is believed of all looks."""
     look, belief = case.outcome.looks[-1], case.belief
     scene, across = look.scene, look.scene.across
     pressed = f"compression at rest: {_tenths(look.observation.compression_m * 1e3)} mm"
@@ -262,13 +269,14 @@ def _within(measured: Measured, axis: Axis = Axis.Y) -> str:
 
 
 def _checks(evidence: Evidence, settings: Settings, case: Case) -> dict[str, str]:
-    """What the checks found, by the name that the model reads: the paper's, and with the guided
-    skills' measurements the metric one."""
+    """What the checks found, by the name that the model reads: the paper's, and the metric one with
+    the measurements that the skills go by."""
+    measured = case.method.follows_belief and tells_measurements(settings, case)
     shown = {
         "pose_check": ("pose", settings.pose_check),
         "compression_check": ("compression", True),
         "table_i": ("table_i", settings.table_i),
-        "metric_check": ("metric", case.skills == GUIDED and tells_measurements(settings, case)),
+        "metric_check": ("metric", measured),
     }
     return {label: _told(evidence[name]) for label, (name, on) in shown.items() if on}
 

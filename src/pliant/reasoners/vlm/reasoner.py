@@ -20,11 +20,10 @@ from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import plans, prompt
 from pliant.reasoners.vlm.conversation import Answer, ask
 from pliant.reasoners.vlm.replies import (
-    AbsolutePlan,
     Analysis,
-    GuidedAnalysis,
-    GuidedPlan,
     Judgement,
+    absolute_plan,
+    analysis_form,
     bounded_plan,
     with_analysis,
 )
@@ -32,7 +31,6 @@ from pliant.reasoners.vlm.settings import Decider, Plans, Settings
 from pliant.reasoners.vlm.tape import NoTape, Tape
 from pliant.reasoners.vlm.wire import Budget, Wire
 from pliant.records import Case, Exchange, FailureAnalysis, Recovery, Verdict
-from pliant.skills import GUIDED
 
 T = TypeVar("T", bound=BaseModel)
 _SILENT = 3  # decisions in a row without any reply, after which the trial asks no more
@@ -114,7 +112,8 @@ class Vlm:
         if self.settings.one_call:
             return self._planned(case, verdict, None, (), until)
         content = prompt.situation(case, self.settings, verdict=self._told(case, verdict))
-        answer = self._ask(case, "analyse", content, _analysis(case), ("analyse",), until)
+        form = analysis_form(case.method)
+        answer = self._ask(case, "analyse", content, form, ("analyse",), until)
         if answer.value is None:
             return self._instead(case, verdict, None, answer.problem, answer.exchanges)
         analysis = plans.analysis_of(answer.value)
@@ -132,7 +131,7 @@ class Vlm:
         settings = self.settings
         plan = _plan(case, settings)
         asked = ("analyse",) if analysis is None else ()
-        reply = with_analysis(plan, _analysis(case)) if analysis is None else plan
+        reply = with_analysis(plan, analysis_form(case.method)) if analysis is None else plan
         most_m = settings.step_limit_mm * 1e-3
 
         def proposal(said: BaseModel) -> Recovery:
@@ -234,16 +233,11 @@ class Vlm:
         return answer
 
 
-def _analysis(case: Case) -> type[Analysis]:
-    return GuidedAnalysis if case.skills == GUIDED else Analysis
-
-
 def _plan(case: Case, settings: Settings) -> type[BaseModel]:
-    """The form of a plan; with the guided skills it has room for shifts."""
-    is_guided = case.skills == GUIDED
+    """The form of a plan."""
     if settings.plan is Plans.ABSOLUTE:
-        return GuidedPlan if is_guided else AbsolutePlan
-    return bounded_plan(settings.step_limit_mm, shifts=is_guided)
+        return absolute_plan(case.method)
+    return bounded_plan(settings.step_limit_mm, case.method)
 
 
 def _agreed(case: Case) -> Verdict | None:

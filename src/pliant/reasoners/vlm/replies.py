@@ -3,13 +3,14 @@ finite, beyond a metre or too long is refused. The bounds of a change stand in t
 server that enforces schemas cannot write a plan beyond them; where one does not, the plan is read
 and then refused, so that it can be cut down."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
-from pliant.formations import MOST_TURN, SHIFTED, Formation
+from pliant.formations import MOST_TURN, RECOVERABLE, Formation
 from pliant.pose import Axis
 from pliant.reasoners.vlm.words import printable
+from pliant.records import KnownMethod, shifts
 
 _MOST_WORDS = 2000  # characters of an explanation
 _MOST_MM = 1000.0  # beyond it no length in this task is in millimetres
@@ -19,6 +20,7 @@ Words = Annotated[str, Field(max_length=_MOST_WORDS), AfterValidator(printable)]
 Vote = Literal["success", "failure", "not available"]
 Millimetres = Annotated[float, Field(allow_inf_nan=False, ge=-_MOST_MM, le=_MOST_MM)]
 Degrees = Annotated[float, Field(allow_inf_nan=False, ge=-_MOST_DEG, le=_MOST_DEG)]
+F = TypeVar("F", bound=BaseModel)
 Skill = Literal["fit", "align", "insertion"]
 
 
@@ -50,14 +52,6 @@ class Analysis(Strict):
     z_motion_mm: Millimetres = Field(description="Suggested motion from the current goal along z")
 
 
-class GuidedAnalysis(Analysis):
-    """Your analysis of the failure."""
-
-    x_motion_mm: Millimetres = Field(description="Suggested shift from the belief along x")
-    pitch_motion_deg: Degrees = Field(description="Suggested shift from the belief in pitch")
-    yaw_motion_deg: Degrees = Field(description="Suggested shift from the belief in yaw")
-
-
 class AbsoluteStep(Strict):
     skill: Skill
     goal_mm: Millimetres = Field(
@@ -70,18 +64,6 @@ class AbsolutePlan(Strict):
     """The skills to execute next, in order, ending with insertion; an empty list means stop."""
 
     steps: list[AbsoluteStep] = Field(max_length=len(Formation))
-
-
-class GuidedStep(AbsoluteStep):
-    x_mm: Millimetres = Field(description="Shift from the belief along x, of fit and align only")
-    pitch_deg: Degrees = Field(description="Shift from the belief in pitch, likewise")
-    yaw_deg: Degrees = Field(description="Shift from the belief in yaw, likewise")
-
-
-class GuidedPlan(Strict):
-    """The skills to execute next, in order, ending with insertion; an empty list means stop."""
-
-    steps: list[GuidedStep] = Field(max_length=len(Formation))
 
 
 class BoundedPlan(Strict):
@@ -106,9 +88,42 @@ def change_field(formation: Formation, axis: Axis) -> str:
     return f"{formation}_{axis}_change_{axis.report_unit}"
 
 
-def bounded_plan(most_mm: float, *, shifts: bool = False) -> type[BoundedPlan]:
-    """BoundedPlan whose schema bounds each change to whole millimetres within `most_mm`; with
-    `shifts` also those of the guided skills."""
+def shifted(method: KnownMethod) -> dict[Axis, list[Formation]]:
+    """The axes that a plan may shift, each with the formations that it may be shifted of."""
+    found: dict[Axis, list[Formation]] = {}
+    for formation in RECOVERABLE:
+        for axis in shifts(method, formation):
+            found.setdefault(axis, []).append(formation)
+    return found
+
+
+def analysis_form(method: KnownMethod) -> type[Analysis]:
+    """Analysis, with room for the method's shifts."""
+    fields = {
+        motion_field(axis): (_kind(axis), Field(description=f"Suggested {_shift_of(axis)}"))
+        for axis in shifted(method)
+    }
+    return _extended(Analysis, fields)
+
+
+def absolute_plan(method: KnownMethod) -> type[AbsolutePlan]:
+    """AbsolutePlan, whose steps have room for the method's shifts."""
+    fields = {
+        shift_field(axis): (
+            _kind(axis),
+            Field(description=f"{_shift_of(axis).capitalize()}, of {' and '.join(of)} only"),
+        )
+        for axis, of in shifted(method).items()
+    }
+    if not fields:
+        return AbsolutePlan
+    step = _extended(AbsoluteStep, fields)
+    return _extended(AbsolutePlan, {"steps": (list[step], Field(max_length=len(Formation)))})  # type: ignore[valid-type]
+
+
+def bounded_plan(most_mm: float, method: KnownMethod) -> type[BoundedPlan]:
+    """BoundedPlan whose schema bounds each change to whole millimetres within `most_mm`, with room
+    for the method's shifts."""
     changes: dict[str, Any] = {
         name: _whole(f"Change of the goal of {skill}, whole millimetres", most_mm, _MOST_MM)
         for name, skill in (
@@ -117,13 +132,27 @@ def bounded_plan(most_mm: float, *, shifts: bool = False) -> type[BoundedPlan]:
             ("insertion_z_change_mm", "insertion along z"),
         )
     }
-    if shifts:
-        changes |= {
-            change_field(formation, axis): _shift(formation, axis, most_mm)
-            for formation, axes in SHIFTED.items()
-            for axis in axes
-        }
-    return create_model("BoundedPlan", __base__=BoundedPlan, __doc__=BoundedPlan.__doc__, **changes)
+    changes |= {
+        change_field(formation, axis): _shift(formation, axis, most_mm)
+        for formation in RECOVERABLE
+        for axis in shifts(method, formation)
+    }
+    return _extended(BoundedPlan, changes)
+
+
+def _extended(form: type[F], fields: dict[str, Any]) -> type[F]:
+    """A form with more fields, or others, under the same name and words."""
+    if not fields:
+        return form
+    return create_model(form.__name__, __base__=form, __doc__=form.__doc__, **fields)
+
+
+def _kind(axis: Axis) -> Any:
+    return Degrees if axis.is_angle else Millimetres
+
+
+def _shift_of(axis: Axis) -> str:
+    return f"shift from the belief {'in' if axis.is_angle else 'along'} {axis}"
 
 
 def _whole(description: str, most: float, plausible: float) -> Any:

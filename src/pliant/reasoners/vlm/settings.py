@@ -76,7 +76,7 @@ class Settings:
     measurements: bool = False
     """Tell what was measured in millimetres, which the paper's model was not told."""
     belief: bool = True
-    """With the guided skills, which go by them: tell measurements and belief all the same."""
+    """Where the skills go by them: tell measurements and belief all the same."""
     history: int = 5
     """Earlier executions told."""
     one_call: bool = False

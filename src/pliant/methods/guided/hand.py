@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pliant.belief import MEMORY, Belief, Seen, in_hand, softly
+from pliant.belief import Belief, Seen
 from pliant.cell import Motion, Robot, Stop
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation
+from pliant.methods.guided.belief import MEMORY, in_hand, softly
 from pliant.pose import Pose
 from pliant.records import Look, Looking
 from pliant.task import Task

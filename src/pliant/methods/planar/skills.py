@@ -15,7 +15,7 @@ from pliant.wrist import LIMIT_M
 
 
 @dataclass(frozen=True, kw_only=True)
-class Planar:
+class PlanarSkills:
     """How the paper's skills move: the taught goals, from which a retreat takes its height and
     where it comes down; speeds [m/s], limit [m], waits [s]."""
 

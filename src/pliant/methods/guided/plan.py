@@ -11,37 +11,35 @@ from pliant.formations import Formation, Step
 from pliant.pose import Axis, describe
 from pliant.records import Case, FailureAnalysis, Recovery
 
-SKILLS = "guided"
-
 _AIMS = (0.0, -0.0015, 0.0015, -0.003, 0.003, -0.0045)  # [m] of the low corner, from the best guess
 _IN_HOLE = 0.0005  # [m] of the tip
 _BLIND = 4  # executions in a row whose pictures do not show it all: no more are tried
 _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
 
 
-def recover(case: Case, name: str) -> Recovery:
+def plan(case: Case, by: str) -> Recovery:
     """The next steps after a failed execution of a guided skill."""
     scene = case.outcome.scene
     formation = case.outcome.step.formation
     if scene.peg is None or scene.hole is None:
-        return _blind(case, name, "; ".join(scene.problems))
+        return _blind(case, by, "; ".join(scene.problems))
     surface = case.belief.surface_z.value if case.belief.surface_z is not None else 0.0
     depth = surface - scene.peg.tip_z.value
     if formation is Formation.INSERTION and depth > _IN_HOLE and not _tired(case, formation):
         stopped = case.outcome.stop is Stop.COMPRESSION
         what = "the wrist gave way" if stopped else "the peg stuck"
-        return _plan(
+        return _steps(
             case,
-            name,
+            by,
             f"{what} {depth * 1e3:.1f} mm deep",
             f"it leans {math.degrees(scene.peg.tilt.value):.1f} deg in the hole",
             "straighten it, and push again",
             Formation.ALIGN,
         )
     if formation is Formation.ALIGN and depth > _IN_HOLE and not _tired(case, formation):
-        return _plan(
+        return _steps(
             case,
-            name,
+            by,
             f"the peg leans {math.degrees(scene.peg.tilt.value):.1f} deg in the hole",
             "its trailing edge caught on the rim",
             "turn it upright again",
@@ -49,7 +47,7 @@ def recover(case: Case, name: str) -> Recovery:
         )
     what = "the peg is not in the hole" if depth < _IN_HOLE else "the peg does not come free"
     why = "it touched down beside the hole, or slipped out of it"
-    return _touch_down_anew(case, name, what, why)
+    return _touch_down_anew(case, by, what, why)
 
 
 def _tired(case: Case, formation: Formation) -> bool:
@@ -62,16 +60,16 @@ def _tired(case: Case, formation: Formation) -> bool:
     return since >= _PATIENCE
 
 
-def _touch_down_anew(case: Case, name: str, what: str, why: str) -> Recovery:
+def _touch_down_anew(case: Case, by: str, what: str, why: str) -> Recovery:
     """Where the hole is seen at first, and from there a little to the sides in turn."""
     outcomes = [*(e.outcome for e in case.history), case.outcome]
     fits = sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
     aim = _AIMS[fits % len(_AIMS)]
     how = f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen"
-    return _plan(case, name, what, why, how, Formation.FIT, aim=aim)
+    return _steps(case, by, what, why, how, Formation.FIT, aim=aim)
 
 
-def _blind(case: Case, name: str, problem: str) -> Recovery:
+def _blind(case: Case, by: str, problem: str) -> Recovery:
     last = [*(e.outcome for e in case.history), case.outcome][-_BLIND:]
     if len(last) == _BLIND and all(o.scene.peg is None or o.scene.hole is None for o in last):
         analysis = FailureAnalysis(
@@ -80,13 +78,13 @@ def _blind(case: Case, name: str, problem: str) -> Recovery:
             how="stop",
             motion={},
         )
-        return Recovery(analysis=analysis, steps=(), by=name)
+        return Recovery(analysis=analysis, steps=(), by=by)
     what = "the picture does not show what is needed to see the result"
-    return _touch_down_anew(case, name, what, problem)
+    return _touch_down_anew(case, by, what, problem)
 
 
-def _plan(
-    case: Case, name: str, what: str, why: str, how: str, start: Formation, *, aim: float = 0.0
+def _steps(
+    case: Case, by: str, what: str, why: str, how: str, start: Formation, *, aim: float = 0.0
 ) -> Recovery:
     taught = case.teaching.goals.formations
     fit = {Axis.Y: taught[Formation.FIT][Axis.Y] + aim}
@@ -100,4 +98,4 @@ def _plan(
     analysis = FailureAnalysis(
         what=what, why=why, how=f"{how} ({start}: {describe(motion)})", motion=motion
     )
-    return Recovery(analysis=analysis, steps=steps, by=name)
+    return Recovery(analysis=analysis, steps=steps, by=by)

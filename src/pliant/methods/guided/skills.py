@@ -14,19 +14,28 @@ travel: the peg is unloaded, moved, and loaded again.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pliant.belief import Belief, hang_share
 from pliant.cell import Robot
-from pliant.formations import SHIFTS, Formation, Step
+from pliant.formations import Formation, Step
+from pliant.methods.guided.hand import SLICE, WORKED, Hand, Manner, Stopped, bounded
 from pliant.pose import Axis, Partial, Pose
 from pliant.records import Looking, Outcome
-from pliant.skills.hand import SLICE, WORKED, Hand, Manner, Stopped, bounded
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.surround import ALL, FRONT, SIDE
+
+SHIFTS = (Axis.X, Axis.PITCH, Axis.YAW)
+SHIFTED: Mapping[Formation, tuple[Axis, ...]] = {
+    formation: SHIFTS if formation in (Formation.FIT, Formation.ALIGN) else ()
+    for formation in Formation
+}
+"""What a step may name beside the axes that its formation owns: how far from what is believed to
+aim [m, rad]."""
 
 _LEAN = math.radians(10)  # of the hand, past upright: the far corner hangs lowest
 _HOLD = math.radians(15)  # of the hand, the other way: the wrist's torque holds the far wall
@@ -51,7 +60,7 @@ _TURNED_ENOUGH = math.radians(0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guided:
+class GuidedSkills:
     """The guided skills for a task, with the goals that were taught."""
 
     task: Task

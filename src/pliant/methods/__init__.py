@@ -1,0 +1,58 @@
+"""What a method is: all that is one way of inserting, in one object. `planar` is the paper's,
+`guided` ours; yours is a file.
+
+A method is stateless, and one for all trials. What a trial needs to remember is in its sight, its
+skill and its belief, which the loop makes and keeps.
+"""
+
+from typing import Protocol
+
+from pliant.belief import Belief, Seen
+from pliant.cell import Robot
+from pliant.envelope import Limits
+from pliant.formations import Step
+from pliant.pose import Pose
+from pliant.records import Evidence, KnownMethod, Looking, Outcome
+from pliant.task import Task
+from pliant.teaching import Teaching
+from pliant.vision.measure import Colours
+from pliant.vision.sight import Sight
+
+
+class Skill(Protocol):
+    """Executes a step on the robot, looking when it has come to rest."""
+
+    def __call__(
+        self, robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief
+    ) -> Outcome: ...
+
+
+class Method(KnownMethod, Protocol):
+    """One way of inserting: how it sees, moves, believes and checks, and what a reasoner knows of
+    it."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that its skills look with."""
+        ...
+
+    @property
+    def retakes(self) -> int:
+        """How often a picture that turns out to be stale is taken again."""
+        ...
+
+    def sight(self, task: Task, teaching: Teaching, colours: Colours | None) -> Sight:
+        """What measures the pictures of one trial. `colours` None: they may be anything."""
+        ...
+
+    def skill(self, task: Task, teaching: Teaching, limits: Limits) -> Skill:
+        """What executes the steps of one trial."""
+        ...
+
+    def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:
+        """The belief after one more look."""
+        ...
+
+    def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:
+        """Every check that the executed formation calls for."""
+        ...

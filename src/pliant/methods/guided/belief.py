@@ -1,0 +1,92 @@
+"""What a guided skill believes: soft evidence, of which one wrong reading poisons nothing, of a
+board that may move."""
+
+import math
+from dataclasses import replace
+from statistics import fmean, median
+
+from pliant.belief import Belief, Seen, hang_share
+from pliant.teaching import Teaching
+from pliant.vision.scene import Measured, Scene
+
+_JUMP_M = 0.003  # a reading so far from the belief is not believed until others agree
+_AGREE = 3  # readings in a row that must agree with each other against the belief
+MEMORY = 5  # readings that the median is taken of
+_FREE_M = 0.008  # a tip this far above the board hangs freely
+
+
+def believed(scene: Scene, belief: Belief) -> Scene:
+    """A measurement with the hole where it is believed to be."""
+    if scene.hole is None or belief.hole_y is None or belief.surface_z is None:
+        return scene
+    hole = replace(scene.hole, y=belief.hole_y, surface_z=belief.surface_z)
+    return replace(scene, hole=hole)
+
+
+def softly(belief: Belief, look: Seen, teaching: Teaching, memory: int = MEMORY) -> Belief:
+    """The belief after one more look, of which one wrong reading must not poison it.
+
+    The hole and the board are medians of the last readings; one that jumps is believed when others
+    agree with it. Where the peg hangs freely, its angles tell how the hand must turn for it to hang
+    upright.
+    """
+    scene = look.scene
+    new: dict[str, Measured | None] = {}
+    if scene.hole is not None:
+        new |= {"hole_y": scene.hole.y, "surface_z": scene.hole.surface_z}
+    if scene.across is not None:
+        new["hole_x"] = scene.across.hole_x
+    new["board_yaw"] = scene.board_yaw
+    for name, reading in new.items():
+        if reading is not None:
+            belief = _weighed(belief, name, reading, memory)
+    free = (
+        scene.peg is not None
+        and belief.surface_z is not None
+        and scene.peg.tip_z.value - belief.surface_z.value > _FREE_M
+    )
+    if free and scene.peg is not None:
+        share = hang_share(teaching)
+        tilt, pitch = in_hand(look)
+        upright = look.pose.roll - tilt.value / share
+        belief = _swung(belief, "upright_roll", upright, tilt.sd / share)
+        if belief.upright_roll is not None:
+            angle = Measured(value=-share * belief.upright_roll.value, sd=tilt.sd)
+            belief = replace(belief, grasp_roll=angle)
+        if pitch is not None:
+            upright = look.pose.pitch - pitch.value / share
+            belief = _swung(belief, "upright_pitch", upright, pitch.sd / share)
+    return belief
+
+
+def _swung(belief: Belief, name: str, reading: float, sd: float) -> Belief:
+    """The mean of the last two readings, which are taken half a swing apart."""
+    kept = (*belief.readings.get(name, ()), reading)[-2:]
+    readings = {**belief.readings, name: kept}
+    value = Measured(value=fmean(kept), sd=sd)
+    return replace(belief, readings=readings, **{name: value})
+
+
+def in_hand(look: Seen) -> tuple[Measured, Measured | None]:
+    """The peg's tilt and, where the front camera saw it, its pitch [rad], about the axes of the
+    hand, which is turned by its yaw from those of the cameras."""
+    peg, across = look.scene.peg, look.scene.across
+    assert peg is not None
+    cos, sin = math.cos(look.pose.yaw), math.sin(look.pose.yaw)
+    y = -math.tan(peg.tilt.value)  # of the peg's axis, where it rises by 1
+    if across is None or across.pitch is None:
+        return replace(peg.tilt, value=-math.atan(y / cos)), None
+    x = math.tan(across.pitch.value)
+    tilt = replace(peg.tilt, value=-math.atan(cos * y - sin * x))
+    return tilt, replace(across.pitch, value=math.atan(cos * x + sin * y))
+
+
+def _weighed(belief: Belief, name: str, reading: Measured, memory: int) -> Belief:
+    jump = _JUMP_M if name != "board_yaw" else math.radians(3)
+    kept = (*belief.readings.get(name, ()), reading.value)[-memory:]
+    last = kept[-_AGREE:]
+    agree = len(last) == _AGREE and max(last) - min(last) < jump / 2
+    if agree and abs(median(last) - median(kept)) > jump / 2:
+        kept = last  # it has moved
+    value = Measured(value=median(kept), sd=reading.sd)
+    return replace(belief, readings={**belief.readings, name: kept}, **{name: value})

@@ -1,0 +1,71 @@
+"""The checks after a guided skill. Its goal is where it went by itself, Fit is right at the far
+wall, and what is measured in metres takes the hole where it is believed to be, so that one wrong
+reading fails nothing."""
+
+from collections.abc import Mapping
+
+from pliant.belief import Belief
+from pliant.checks import (
+    TILT_TOLERANCE_DEG,
+    gathered,
+    half_hole,
+    low_corner,
+    metric,
+    metric_insertion,
+    standing,
+    unmade,
+)
+from pliant.formations import Formation
+from pliant.methods.guided.belief import believed
+from pliant.records import Check, Evidence, Outcome
+from pliant.task import Task
+from pliant.vision.scene import Scene
+
+UPRIGHT_DEPTH_M = 0.001  # Align: the high corner, beyond what is over-read
+DEEP_M = 0.005  # Align: the high corner of a peg that is in the hole, wherever it is read
+ASIDE_M = 0.003  # Align: the tip across the plane of insertion
+FAR_WALL_DEPTH_M = 0.0015
+FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
+
+
+def check(
+    task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], belief: Belief
+) -> Evidence:
+    """Every check that the executed formation calls for."""
+    metrics = {
+        Formation.FIT: metric_far_wall,
+        Formation.ALIGN: metric_upright,
+        Formation.INSERTION: metric_insertion,
+    }
+    return gathered(task, outcome, taught, metrics, believed(outcome.scene, belief))
+
+
+def metric_far_wall(task: Task, scene: Scene) -> Check:
+    """The low corner is in the hole, near its far wall, while the trailing one stands on the rim,
+    where a tight hole must leave it; or both are in."""
+    if scene.peg is None or scene.hole is None:
+        return unmade("metric", scene)
+    y, z = low_corner(scene.peg)
+    depth = scene.hole.surface_z.value - z
+    short = y - (scene.hole.y.value - half_hole(task))
+    words = f"low corner {depth * 1e3:.1f} mm deep, {short * 1e3:+.1f} mm from the far wall"
+    near = FAR_WALL_M[0] <= short <= FAR_WALL_M[1]
+    inside = scene.hole.surface_z.value > max(scene.peg.left_z, scene.peg.right_z)
+    return metric(depth >= FAR_WALL_DEPTH_M and (near or inside), words)
+
+
+def metric_upright(task: Task, scene: Scene) -> Check:
+    """As `metric_align`, well below the rim, and across the plane of insertion too. Of a deep peg
+    little is seen, and where its tip is follows from far above it; but nothing is deep beside the
+    hole."""
+    if scene.peg is None or scene.hole is None:
+        return unmade("metric", scene)
+    offset, tilt, depth, words = standing(scene.peg, scene.hole)
+    across, aside = scene.across, 0.0
+    if across is not None and across.tip_x is not None and across.hole_x is not None:
+        aside = across.tip_x.value - across.hole_x.value
+    deep = depth >= DEEP_M
+    beside = half_hole(task) if deep else task.hole.clearance / 2 + 0.0015
+    inside = abs(offset) <= beside and (deep or abs(aside) <= ASIDE_M)
+    stands = abs(tilt) <= TILT_TOLERANCE_DEG and depth >= UPRIGHT_DEPTH_M
+    return metric(inside and stands, f"{words}, {aside * 1e3:+.1f} mm across")

@@ -1,0 +1,80 @@
+"""The paper's method: single straight motions in the plane of insertion (Sec. IV and V)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pliant.belief import Belief, Seen
+from pliant.cell import Stop
+from pliant.envelope import Limits
+from pliant.formations import OWNED, Formation, Step
+from pliant.methods import Skill
+from pliant.methods.planar import checks
+from pliant.methods.planar.belief import mean
+from pliant.methods.planar.plan import Planner
+from pliant.methods.planar.skills import PlanarSkills
+from pliant.methods.sight import shipped_sight
+from pliant.methods.words import words_of
+from pliant.pose import Axis
+from pliant.records import Case, Evidence, Outcome, Recovery, Verdict
+from pliant.task import Task
+from pliant.teaching import Teaching
+from pliant.vision.measure import Colours
+from pliant.vision.sight import Sight
+from pliant.vision.surround import SIDE
+
+_UNLOADS_M = 0.002  # z; a stop passes its limit by less
+
+
+@dataclass(frozen=True)
+class Planar:
+    """The paper's method (protocol `pliant.methods.Method`)."""
+
+    @property
+    def name(self) -> str:
+        return "planar"
+
+    @property
+    def plannable(self) -> Mapping[Formation, tuple[Axis, ...]]:
+        return OWNED
+
+    @property
+    def follows_belief(self) -> bool:
+        return False
+
+    @property
+    def words(self) -> Mapping[str, str]:
+        return words_of(__name__)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        return (SIDE,)
+
+    @property
+    def retakes(self) -> int:
+        return 0
+
+    def sight(self, task: Task, teaching: Teaching, colours: Colours | None) -> Sight:
+        return shipped_sight(task, teaching, colours)
+
+    def skill(self, task: Task, teaching: Teaching, limits: Limits) -> Skill:
+        return PlanarSkills(taught=teaching.goals, contact_speed_m_s=limits.contact_speed_m_s)
+
+    def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:
+        return mean(belief, look, teaching)
+
+    def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:
+        return checks.check(task, outcome, teaching.scenes)
+
+    def presses_on(self, step: Step, case: Case) -> bool:
+        """Pressed on, it must rise; stretched, it must go down."""
+        if case.outcome.stop is not Stop.COMPRESSION:
+            return False
+        at = case.outcome.looks[-1].observation
+        stretched = at.compression_m < 0.0
+        if step.retreat:
+            return stretched
+        rises = case.goals.updated(step).target(step.formation).z - at.pose.z
+        return (-rises if stretched else rises) < _UNLOADS_M
+
+    def plan(self, case: Case, verdict: Verdict, by: str) -> Recovery:
+        return Planner(by).plan(case, verdict)
