@@ -47,6 +47,10 @@ REASONERS = {
     "a list": "reasoners: [rules, mine.py:Mine]\n",
     "one name": "reasoners: mine.py:Mine\n",
     "a cell": "cells:\n- {peg: circle, condition: none, reasoner: [rules, mine.py:Mine]}\n",
+    "a method": "reasoners: rules\nmethod: mine.py:Mine\n",
+    "a cell's method": (
+        "cells:\n- {peg: circle, condition: none, reasoner: rules, method: mine.py:Mine}\n"
+    ),
     "a way round": "reasoners: ../{folder}/mine.py:Mine\n",
 }
 
