@@ -1,13 +1,8 @@
 """One insertion under every disturbance, judged and recovered by the rules."""
 
-from pliant.conditions import condition
-from pliant.experiment.one import Spec, perform
-from pliant.sim.cell import SimCell
-from pliant.task import load_task
-from pliant.teaching import shipped
+import pliant
 
-spec = Spec(task=load_task("square"), condition=condition("all"), seed=4, reasoner="rules")
-trial = perform(spec, SimCell(), shipped())
+trial = pliant.run(peg="square", condition="all", seed=4)
 for execution in trial.executions:
     print(f"{execution.formation:<9} {execution.verdict.success}  {execution.verdict.reason}")
     if execution.recovery is not None:

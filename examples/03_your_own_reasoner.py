@@ -29,17 +29,7 @@ class Bold(Rules):
 
 
 if __name__ == "__main__":
-    from pliant.conditions import condition
-    from pliant.experiment.one import Spec, perform
-    from pliant.sim.cell import SimCell
-    from pliant.task import load_task
-    from pliant.teaching import shipped
+    import pliant
 
-    spec = Spec(
-        task=load_task("circle"),
-        condition=condition("all"),
-        seed=1,
-        reasoner=f"{__file__}:Bold",
-    )
-    trial = perform(spec, SimCell(), shipped())
+    trial = pliant.run(reasoner=f"{__file__}:Bold")
     print(trial.end_reason, len(trial.executions), "executions")

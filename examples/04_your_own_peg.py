@@ -2,18 +2,11 @@
 
 from pathlib import Path
 
-from pliant.conditions import condition
-from pliant.experiment.one import Spec, perform
+import pliant
 from pliant.sim.cell import SimCell
-from pliant.task import load_task
-from pliant.teaching import shipped
 
-task = load_task(str(Path(__file__).with_suffix(".yaml")))
-cell, taught = SimCell(), shipped()
+peg, cell = str(Path(__file__).with_suffix(".yaml")), SimCell()
 for reasoner in ("none", "rules"):
-    specs = (
-        Spec(task=task, condition=condition("all"), seed=seed, reasoner=reasoner)
-        for seed in range(1, 4)
-    )
-    inserted = [perform(spec, cell, taught).inserted for spec in specs]
-    print(f"{task.peg.name}, {reasoner}: {sum(map(bool, inserted))} of {len(inserted)} inserted")
+    trials = [pliant.run(peg=peg, seed=seed, reasoner=reasoner, cell=cell) for seed in (1, 2, 3)]
+    inserted = sum(bool(trial.inserted) for trial in trials)
+    print(f"{trials[0].task.peg.name}, {reasoner}: {inserted} of {len(trials)} inserted")

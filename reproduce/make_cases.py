@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pliant.belief import Belief, Seen
 from pliant.cell import Truth
 from pliant.checks import INSERTED_DEPTH_M
-from pliant.conditions import Setup, condition
+from pliant.conditions import Setup
 from pliant.envelope import Limits
 from pliant.experiment.bench.answers import Answer, answer, succeeded
 from pliant.experiment.bench.cases import (
@@ -38,6 +38,7 @@ from pliant.experiment.bench.cases import (
     thinned,
     write,
 )
+from pliant.experiment.one import Spec, composed
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
 from pliant.methods.planar import Planar
 from pliant.pose import Axis
@@ -45,9 +46,7 @@ from pliant.reasoners import reasoner
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Look, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.task import load_task
 from pliant.teaching import shipped
-from pliant.trial import Run
 from pliant.vision.scene import Scene
 
 SEED = 1
@@ -230,18 +229,13 @@ def watch(cells: Mapping[str, SimCell]) -> Iterator[Found]:
 def _executions(
     cell: SimCell, peg: str, drawn: str, seed: int, name: str, waver: Waver
 ) -> Iterator[Found]:
-    task, setup, teaching = load_task(peg), condition(drawn).draw(seed), shipped()
+    spec, teaching = Spec.named(peg=peg, condition=drawn, seed=seed), shipped()
+    setup = spec.condition.draw(seed)
     if waver.rises:
         teaching = replace(teaching, goals=_raised(teaching.goals, waver.rises))
-    robot = cell.prepare(task, setup)
+    robot = cell.prepare(spec.task, setup)
     mind = Watched(inner=reasoner(name), waver=waver, draw=np.random.default_rng([SEED, seed]))
-    run = Run(
-        robot=robot,
-        task=task,
-        teaching=teaching,
-        reasoner=mind,
-        method=Planar(),
-    )
+    run = composed(spec, robot, setup, teaching, mind)
     before: Look | None = None
     for execution in run:
         assert mind.case is not None, "an execution is judged before it is shown"

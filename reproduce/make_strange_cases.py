@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from pliant.cell import Trace
-from pliant.conditions import condition
 from pliant.experiment.bench.answers import Answer, succeeded
 from pliant.experiment.bench.cases import (
     SHIPPED,
@@ -30,17 +29,14 @@ from pliant.experiment.bench.cases import (
     thinned,
     write,
 )
-from pliant.experiment.misread import Misread
+from pliant.experiment.one import Spec, composed
 from pliant.formations import RECOVERABLE
 from pliant.levels import STOP, Level, shipped_levels
-from pliant.methods.named import method
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Outcome, Verdict
 from pliant.sim.cell import SimCell
-from pliant.task import load_task
 from pliant.teaching import shipped
-from pliant.trial import Patience, Run
-from pliant.vision.sight import ByColour
+from pliant.trial import Patience
 
 FIRST_SEED = 31001
 SEEDS = 2  # for each peg of a scenario
@@ -60,18 +56,11 @@ class _Watched(Rules):
 
 def strange(level: Level, peg: str, seed: int) -> Question | None:
     """A case of one trial; None where it holds none."""
-    task, taught, mind = load_task(peg, level.name), shipped(), _Watched()
-    setup = level.on(condition("all")).draw(seed)
-    cell = SimCell()
-    run = Run(
-        robot=cell.prepare(task, setup),
-        task=task,
-        teaching=taught.for_task(task),
-        reasoner=mind,
-        method=method(level.method),
-        sight=Misread(ByColour(task), setup),
-        patience=Patience(executions=9),
-    )
+    mind, cell = _Watched(), SimCell()
+    spec = Spec.named(peg=peg, level=level.name, seed=seed)
+    setup = spec.condition.draw(seed)
+    robot, taught = cell.prepare(spec.task, setup), shipped().for_task(spec.task)
+    run = composed(spec, robot, setup, taught, mind, patience=Patience(executions=9))
     found: list[Question] = []
     is_told = False
     for execution in run:

@@ -1,18 +1,19 @@
 """A method is one thing: asked, never compared by its name, and a user's own is a file."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import pytest
-from stand_ins import case_after, outcome_of, scene_of, verdict_of
+from stand_ins import ScriptedRobot, case_after, cell_for, outcome_of, scene_of, verdict_of
 
+import pliant
 from pliant.belief import Belief
 from pliant.cell import Truth
 from pliant.conditions import Setup, condition
 from pliant.errors import InputError
 from pliant.experiment import decides
-from pliant.experiment.one import Spec
+from pliant.experiment.one import Spec, composed, perform
 from pliant.experiment.oracle import Oracle
 from pliant.export.labels import correction, labels
 from pliant.formations import OWNED, Formation, Step
@@ -26,8 +27,11 @@ from pliant.reasoners.vlm import prompt
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Execution, Trial
 from pliant.store import load_case, save_case
-from pliant.task import load_task
-from pliant.teaching import shipped
+from pliant.task import Task, load_task
+from pliant.teaching import Teaching, shipped
+from pliant.trial import Run
+from pliant.vision.measure import SIMULATED, Colours
+from pliant.vision.sight import ByColour, Sight
 
 SOURCE = Path(__file__).parents[1] / "src" / "pliant"
 OWN = """
@@ -188,3 +192,47 @@ def test_the_rules_plan_as_their_method_does() -> None:
     for by in (Planar(), Guided()):
         known = replace(case, method=by)
         assert Rules().recover(known, verdict) == by.plan(known, verdict, "rules")
+
+
+# --- one call ------------------------------------------------------------------------------------
+
+
+def test_one_call_from_names_is_the_trial_that_an_experiment_performs() -> None:
+    cell = cell_for("circle")
+    trial = pliant.run(peg="circle", condition="none", seed=3, reasoner="none", cell=cell)
+    spec = Spec(task=load_task("circle"), condition=condition("none"), seed=3, reasoner="none")
+    assert trial.truths == perform(spec, cell, shipped()).truths
+    assert repr(trial) == ("<Trial L0-circle-none-none-3: inserted, inserted, 5 executions>")
+    assert trial._repr_html_().count("<tr>") == 5
+
+
+def test_a_trial_from_names_takes_the_levels_method_and_what_the_level_draws() -> None:
+    spec = Spec.named(level="L3", condition="none")
+    assert spec.method == "guided"
+    assert set(spec.condition.ranges) >= {"hole_x", "board_yaw"}
+    assert Spec.named(level="L3", method="planar").method == "planar"
+
+
+def test_the_package_says_its_version_and_refuses_what_it_lacks() -> None:
+    assert re.fullmatch(r"\d+\.\d+.*", pliant.__version__)
+    with pytest.raises(AttributeError, match="has no attribute 'walk'"):
+        _ = pliant.walk
+
+
+def test_a_run_is_given_eight_things_at_most() -> None:
+    assert len(fields(Run)) <= 8
+
+
+@pytest.mark.parametrize(("level", "colours"), [("L5", None), ("L1", SIMULATED)])
+def test_where_colours_are_anything_the_method_is_told_none(
+    level: str, colours: Colours | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = []
+
+    def sight(by: Guided, task: Task, teaching: Teaching, known: Colours | None) -> Sight:
+        told.append(known)
+        return ByColour(task)
+
+    monkeypatch.setattr(Guided, "sight", sight)
+    composed(Spec.named(level=level), ScriptedRobot(), Setup(seed=1), shipped(), Rules())
+    assert told == [colours]

@@ -8,6 +8,7 @@ A trial is the list of its executions; it can be stored, replayed, shown and sco
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from html import escape
 from typing import Annotated, Any, Protocol
 
 from pydantic import AliasChoices, Field, PlainSerializer, PlainValidator
@@ -301,7 +302,7 @@ class End(StrEnum):
     FINISHED = "finished"  # an open-loop plan ran out
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Trial:
     """A whole trial, as it is stored."""
 
@@ -334,3 +335,21 @@ class Trial:
     def inserted(self) -> bool | None:
         """The paper's G, where it is known."""
         return self.truths[-1].inserted if self.truths else None
+
+    def __repr__(self) -> str:
+        return f"<Trial {self.trial_id}: {self._ended}>"
+
+    def _repr_html_(self) -> str:
+        """A notebook's view: each execution, how it was judged and why."""
+        rows = "".join(
+            f"<tr><td>{e.index + 1}</td><td>{e.formation}</td>"
+            f"<td>{'success' if e.verdict.success else 'failure'}</td>"
+            f"<td>{escape(e.verdict.reason)}</td></tr>"
+            for e in self.executions
+        )
+        return f"<p><b>{escape(self.trial_id)}</b>: {escape(self._ended)}</p><table>{rows}</table>"
+
+    @property
+    def _ended(self) -> str:
+        known = {True: "inserted", False: "not inserted", None: "not labelled"}[self.inserted]
+        return f"{self.end_reason}, {known}, {len(self.executions)} executions"

@@ -11,6 +11,7 @@ verdicts in a row, forty executions), at a fault, or, through `gymnasium.make`, 
 """
 
 from collections.abc import Generator
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -23,7 +24,6 @@ from pliant.envelope import Limits
 from pliant.envs.common import (
     RENDER_MODES,
     SEEDS,
-    as_condition,
     check_action,
     check_options,
     check_render_mode,
@@ -33,12 +33,10 @@ from pliant.envs.common import (
 from pliant.envs.decision import ACTION, FIELDS, as_recovery, numbers
 from pliant.errors import InputError
 from pliant.experiment.one import Spec, composed
-from pliant.levels import load_level
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, End, Execution, Recovery, Verdict
 from pliant.recovery import admit
 from pliant.sim.cell import SimCell, SimRobot
-from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Question
 
@@ -69,10 +67,8 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         render_mode: str | None = None,
     ) -> None:
         self.render_mode = check_render_mode(render_mode)
-        self._task = load_task(peg, level)
-        self._level, rung = level, load_level(level)
-        self._condition, self._method = rung.on(as_condition(condition)), rung.method
-        self._teaching = shipped().for_task(self._task)
+        self._spec = Spec.named(peg=peg, level=level, condition=condition, reasoner=NAME)
+        self._teaching = shipped().for_task(self._spec.task)
         self._limits = Limits()
         self._cell = SimCell()
         self._robot: SimRobot | None = None
@@ -106,8 +102,8 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             if self._question is not None:
                 return self._observe(), {"seed": trial, **self._info()}
         raise InputError(
-            f"condition '{self._condition.name}': nothing failed in {_DRAWS} trials; choose one in"
-            " which something does"
+            f"condition '{self._spec.condition.name}': nothing failed in {_DRAWS} trials; choose"
+            " one in which something does"
         )
 
     def step(
@@ -149,17 +145,10 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
     def _begin(self, trial: int) -> None:
         if self._turns is not None:
             self._turns.close()  # it halts the robot, which must not be the new trial's
-        self._setup = self._condition.draw(trial)
-        self._robot = self._cell.prepare(self._task, self._setup)
+        spec = replace(self._spec, seed=trial)
+        self._setup = spec.condition.draw(trial)
+        self._robot = self._cell.prepare(spec.task, self._setup)
         self._judge = _Judge()
-        spec = Spec(
-            task=self._task,
-            level=self._level,
-            condition=self._condition,
-            seed=trial,
-            reasoner=NAME,
-            method=self._method,
-        )
         self._run = composed(
             spec, self._robot, self._setup, self._teaching, self._judge, limits=self._limits
         )

@@ -5,8 +5,9 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
-from pliant import signals
+from pliant import conditions, signals
 from pliant.cell import Robot, Truth, Workcell
 from pliant.conditions import Condition, Setup
 from pliant.envelope import Limits
@@ -15,15 +16,15 @@ from pliant.experiment import faults
 from pliant.experiment.misread import Misread
 from pliant.experiment.oracle import NAME, Oracle
 from pliant.levels import EDGES, load_level
-from pliant.methods.named import method
+from pliant.methods.named import method as method_named
 from pliant.own import short_name
 from pliant.reasoners import reasoner, vlm
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Execution, Trial
 from pliant.recovery import Reasoner
-from pliant.task import Task, on_level
-from pliant.teaching import Teaching
-from pliant.trial import Run
+from pliant.task import Task, load_task, on_level
+from pliant.teaching import Teaching, shipped
+from pliant.trial import Patience, Run
 from pliant.vision.measure import SIMULATED, Colours
 
 INTERRUPTED = "fault:interrupted"
@@ -57,6 +58,34 @@ class Spec:
                 " play: name the level that the task was made for"
             )
 
+    @classmethod
+    def named(
+        cls,
+        *,
+        peg: str = "circle",
+        level: str = "L0",
+        condition: str | Condition = "all",
+        seed: int = 1,
+        method: str | None = None,
+        reasoner: str = "rules",
+    ) -> Self:
+        """The trial that these names say. `peg` may be a peg file, `method` None is the level's,
+        and what the level draws is added to the condition.
+
+        Raises:
+            InputError: a name is unknown, or the peg file cannot be used.
+        """
+        rung = load_level(level)
+        drawn = condition if isinstance(condition, Condition) else conditions.condition(condition)
+        return cls(
+            task=load_task(peg, level),
+            level=level,
+            condition=rung.on(drawn),
+            seed=seed,
+            method=rung.method if method is None else method,
+            reasoner=reasoner,
+        )
+
     @property
     def reasoner_name(self) -> str:
         """The reasoner as results name it: a user's file without its folder."""
@@ -71,6 +100,32 @@ class Spec:
     def trial_id(self) -> str:
         names = (*self.names, self.seed)
         return "-".join(_file_name(str(n)) for n in names)
+
+
+def run(
+    *,
+    peg: str = "circle",
+    level: str = "L0",
+    condition: str | Condition = "all",
+    seed: int = 1,
+    method: str | None = None,
+    reasoner: str = "rules",
+    cell: Workcell | None = None,
+) -> Trial:
+    """One insertion, from its names, as `pliant run` does it. `cell` None: a simulated cell; one
+    that is given to several trials is compiled once.
+
+    Raises:
+        InputError: a name is unknown, or a file that it says cannot be used.
+    """
+    spec = Spec.named(
+        peg=peg, level=level, condition=condition, seed=seed, method=method, reasoner=reasoner
+    )
+    if cell is None:
+        from pliant.sim.cell import SimCell
+
+        cell = SimCell()
+    return perform(spec, cell, shipped())
 
 
 def perform(
@@ -157,11 +212,12 @@ def composed(
     *,
     limits: Limits | None = None,
     colours: Colours = SIMULATED,
+    patience: Patience | None = None,
 ) -> Run:
     """The loop of a trial, with the sight that its level asks for. `robot` is
     prepared with `setup`, and `teaching` is for the task. Of the setup and the level nothing is in
     the loop but through what is sensed."""
-    way = method(spec.method)
+    way = method_named(spec.method)
     known = None if load_level(spec.level).senses == EDGES else colours
     return Run(
         robot=robot,
@@ -170,6 +226,7 @@ def composed(
         reasoner=mind,
         method=way,
         limits=limits or Limits(),
+        patience=patience or Patience(),
         sight=Misread(way.sight(spec.task, teaching, known), setup),
     )
 
