@@ -166,7 +166,7 @@ def test_a_peg_may_go_into_its_hole_but_not_through_the_board() -> None:
 
 @pytest.mark.parametrize(
     "answer",
-    [None, Answer(slope=0.0, sd=0.2), Answer(slope=0.7, sd=0.0), Answer(slope=1.4, sd=0.0)],
+    [None, Answer(slope=0.0, sd=0.2), Answer(slope=0.7, sd=0.0), Answer(slope=1.5, sd=0.1)],
 )
 def test_until_the_wrists_sensor_has_answered_nothing_presses_further_than_a_touch_may(
     answer: Answer | None,
@@ -181,6 +181,28 @@ def test_until_the_wrists_sensor_has_answered_nothing_presses_further_than_a_tou
     guarded.move_to(Pose(z=0.178), speed_m_s=0.02, stop_at_compression_m=0.02)
     guarded.move_to(Pose(z=0.100), speed_m_s=0.02, stop_at_compression_m=0.02)
     assert robot.poses[-1].z < HANG_M - 0.03
+
+
+@pytest.mark.parametrize(("slope", "presses"), [(0.5, 4), (1.5, 1)])
+def test_a_sensor_that_answers_wrongly_ends_the_trial_one_that_slid_once_does_not(
+    slope: float, presses: int
+) -> None:
+    robot = ScriptedRobot(answer=Answer(slope=slope, sd=0.0))
+    guarded = Guarded(robot, LIMITS)
+    for _ in range(presses - 1):
+        guarded.move_to(Pose(z=0.19), speed_m_s=0.02, stop_at_compression_m=0.02)
+    with pytest.raises(RobotFault, match=f"a millimetre of pressing is felt as {slope:.2f} mm"):
+        guarded.move_to(Pose(z=0.19), speed_m_s=0.02, stop_at_compression_m=0.02)
+    assert robot.calls[-1] == "halt"
+
+
+def test_what_slides_after_the_sensor_has_answered_is_no_news() -> None:
+    robot = ScriptedRobot()
+    guarded = Guarded(robot, LIMITS)
+    for slope in (1.0, *[0.2] * 9):
+        robot.answer = Answer(slope=slope, sd=0.0)
+        guarded.move_to(Pose(z=0.19), speed_m_s=0.02, stop_at_compression_m=0.02)
+    assert guarded.has_answered
 
 
 def test_an_arm_that_is_lower_already_is_not_lifted_by_it() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
-from pliant.wrist import LIMIT_M, LOADED_M, OVER_M, Load, Reading, Watch, is_straight
+from pliant.wrist import LIMIT_M, LOADED_M, OVER_M, Load, Reading, Watch, is_felt, is_straight
 
 MARGIN_M = 0.0001
 DOWN, UP, ACROSS = 0.01, -0.01, 0.0
@@ -224,6 +224,16 @@ def test_what_noise_hides_is_known_to_a_standard_deviation_or_not_at_all() -> No
 def test_who_presses_nothing_hears_no_answer() -> None:
     assert Watch().answer() is None
     assert pressed(0.0).answer() is None
+
+
+@pytest.mark.parametrize(
+    ("compression", "sd", "felt"),
+    [(0.005, 0.001, True), (0.0035, 0.001, False), (0.0019, 0.0002, False), (0.005, 0.0, False)],
+)
+def test_a_noisy_wrist_is_felt_to_be_pressed_where_no_noise_can_feign_it(
+    compression: float, sd: float, felt: bool
+) -> None:
+    assert is_felt(compression, sd) is felt
 
 
 def test_only_a_way_straight_down_presses_and_does_nothing_else() -> None:

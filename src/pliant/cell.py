@@ -131,12 +131,14 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """What the cell gives when asked: measured pose, compression from free hang, pictures."""
+    """What the cell gives when asked: measured pose, compression from free hang, with the standard
+    deviation that the readings' noise leaves in it, pictures."""
 
     time_s: float
     pose: Pose
     compression_m: float
     views: Mapping[str, View]
+    compression_sd_m: float = 0.0
 
 
 class Robot(Protocol):

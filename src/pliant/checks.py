@@ -27,8 +27,7 @@ INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 
 SEEN_M = 0.015  # pressed further than felt, by the picture: the sensor is wrong
-DOUBTED = 3.0  # standard deviations of how it answers to being pressed
-UNFELT_M, UNFELT_SEEN_M = 0.001, 0.0035  # the same of Contact, where hardly anything is felt
+UNFELT_M = 0.003  # the tip, below the surface: a peg may go in without being felt
 
 
 def gathered(
@@ -121,21 +120,23 @@ def on_hole_px(outcome: Outcome) -> float:
 # --- whether the wrist's compression can be believed --------------------------------------------
 
 
-def doubt(task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> str | None:
+def doubt(
+    task: Task, outcome: Outcome, belief: Belief, teaching: Teaching, *, answered: bool
+) -> str | None:
     """Why what was read of the wrist's compression cannot be true, or None: held against how high
-    the picture shows the tip, and against the arm's way while the peg was pressed on the board."""
+    the picture shows the tip. `answered` says whether the wrist's sensor has answered to being
+    pressed at all, which by the end of Insertion only a peg that is in the hole excuses."""
     felt = outcome.looks[-1].observation.compression_m
     seen = seen_compression(task, outcome, belief, teaching)
-    is_contact = outcome.step.formation is Formation.CONTACT
-    unfelt = is_contact and felt < UNFELT_M and seen is not None and seen - felt > UNFELT_SEEN_M
-    if seen is not None and (unfelt or seen - felt > SEEN_M):
+    if seen is not None and seen - felt > SEEN_M:
         return f"the picture shows {seen * 1e3:.1f} mm, {felt * 1e3:.1f} mm is felt"
-    answers = [motion.answer for motion in outcome.motions if motion.answer is not None]
-    if is_contact and answers:
-        best = max(answers, key=lambda answer: answer.slope)
-        if not best.is_within(DOUBTED):
-            return f"a millimetre of pressing on the board is felt as {best.slope:.2f} mm"
-    return None
+    scene = outcome.scene
+    if outcome.step.formation is not Formation.INSERTION or answered or scene.peg is None:
+        return None
+    surface = scene.hole.surface_z.value if scene.hole is not None else 0.0
+    if scene.peg.tip_z.value < surface - UNFELT_M:
+        return None
+    return "it has never answered to being pressed as it should"
 
 
 def seen_compression(

@@ -9,11 +9,12 @@ from pliant.cell import Motion, Observation, Robot
 from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
-from pliant.wrist import LIMIT_M
+from pliant.wrist import LIMIT_M, Answer, is_felt
 
 _BELOW_M = 0.010  # than the touch is due: 51 of 52 healthy trials need no more
 _UNPROVEN_M = 0.014  # of pressing on the board, whatever is read, before the sensor has answered
-_LIKELY = 2.0  # standard deviations of the sensor's answer
+_LIKELY, _DOUBTED = 2.0, 3.0  # standard deviations of the sensor's answer
+_PRESSES = 4  # that are felt too little
 _SURFACE_M = 0.020  # from nominal: further no board is believed to be
 
 
@@ -80,7 +81,8 @@ class Guarded:
     keeps what was requested beside what was commanded.
 
     `motions` are those done since somebody cleared the list, `under_way` where the arm was sent and
-    has not arrived: after a fault they say what it was doing.
+    has not arrived: after a fault they say what it was doing. `has_answered` says whether the
+    wrist's sensor has answered to being pressed.
     """
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
@@ -89,7 +91,8 @@ class Guarded:
         self.motions: list[Motion] = []
         self.under_way: Pose | None = None
         self.descent: Descent | None = None
-        self._is_proven = False  # the wrist's sensor has answered to being pressed
+        self.has_answered = False
+        self._unlikely = 0  # answers
 
     def __enter__(self) -> Self:
         self._robot.__enter__()
@@ -122,16 +125,30 @@ class Guarded:
         if pose is not requested:
             motion = replace(motion, requested=requested)
         self.motions.append(motion)
-        if motion.answer is not None and motion.answer.is_within(_LIKELY):
-            self._is_proven = True
+        self._hear(motion.answer)
         return motion
+
+    def _hear(self, answer: Answer | None) -> None:
+        """A press that is felt too little may be of a peg that slid into the hole; several are not.
+        Once the sensor has answered, a slide is no news."""
+        if answer is None or self.has_answered:
+            return
+        self.has_answered = answer.is_within(_LIKELY)
+        self._unlikely += not answer.is_within(_DOUBTED)
+        if self._unlikely >= _PRESSES or (self._unlikely and answer.slope > 1.0):
+            self._robot.halt()
+            raise RobotFault(
+                "sensor",
+                "the wrist's compression cannot be believed: a millimetre of pressing is felt as"
+                f" {answer.slope:.2f} mm",
+            )
 
     def _not_too_low(self, pose: Pose, stop_at_m: float) -> Pose:
         """The pose, or as low on the way to it as geometry allows; where the arm is lower already,
         at its height."""
         if self.descent is None:
             return pose
-        lowest = self.descent.lowest_z(stop_at_m, self.limits, proven=self._is_proven)
+        lowest = self.descent.lowest_z(stop_at_m, self.limits, proven=self.has_answered)
         if pose.z >= lowest:
             return pose
         here = self._robot.observe(()).pose.z
@@ -147,7 +164,10 @@ class Guarded:
         return self._robot.clock()
 
     def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
-        return self._robot.observe(cameras)
+        seen = self._robot.observe(cameras)
+        if is_felt(seen.compression_m, seen.compression_sd_m):
+            self.has_answered = True
+        return seen
 
     def halt(self) -> None:
         self._robot.halt()

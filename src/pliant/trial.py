@@ -124,7 +124,9 @@ class Run:
             robot.descent = descent_of(self.belief, self.task, self.teaching)
             outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
             self._believe(outcome)
-            problem = doubt(self.task, outcome, self.belief, self.teaching)
+            problem = doubt(
+                self.task, outcome, self.belief, self.teaching, answered=robot.has_answered
+            )
             if problem is not None:
                 robot.halt()
                 raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")

@@ -35,6 +35,7 @@ _PRESS_M = 0.0012  # a press that tells how the reading answers
 _ASIDE, _TURNED_RAD = 0.1, math.radians(0.5)  # per metre down, of a straight press
 _LEAST_READINGS = 4
 _TELLS_SD = 0.25  # of the slope; at more, noise hides whether it answers
+_NOISY_M, _FELT_M, _FELT_DEVIATIONS = 0.0001, 0.002, 4.0  # a load that no noise can feign
 _MOST_OVER_M = 0.005  # as OVER_M, where readings are noisy
 _OVER_S = 0.06  # for so long: a blow to a held peg swings the tool further, and back
 _BACK_M = 0.0005  # below the limit, before a motion may press again
@@ -223,6 +224,13 @@ class Watch:
         pressed = compression_m > max(self._stop_at_m - earlier_m, self._pressed_m + margin_m)
         stretched = -compression_m > max(self.limit_m - earlier_m, self._stretched_m + margin_m)
         return pressed or stretched
+
+
+def is_felt(compression_m: float, sd_m: float) -> bool:
+    """Whether a noisy reading at rest, which is known to a standard deviation of `sd_m`, shows that
+    the wrist is felt to be pressed. Noise may hide by how much it answers, not that it does; of a
+    reading without noise more is asked."""
+    return sd_m >= _NOISY_M and compression_m > max(_FELT_M, _FELT_DEVIATIONS * sd_m)
 
 
 def is_straight(start: Pose, goal: Pose) -> bool:

@@ -234,6 +234,7 @@ class SimRobot:
             pose=self.pose(),
             compression_m=self.compression(),
             views={name: self._view(name, time_s) for name in cameras},
+            compression_sd_m=self.setup.compression_noise,
         )
 
     def _view(self, camera: str, time_s: float) -> View:

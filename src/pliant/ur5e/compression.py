@@ -56,6 +56,11 @@ class Compression:
     def mean(self) -> float:
         return float(np.mean([raw for _, raw in self._recent])) if self._recent else self.now
 
+    @property
+    def mean_sd(self) -> float:
+        """The standard deviation that the readings' noise leaves in `mean` [m]."""
+        return self.noise_m / math.sqrt(max(1, len(self._recent)))
+
     def tare(self, readings: NDArray[np.float64], period_s: float) -> None:
         """Count from the mean of `readings` (n,) [m], which were taken every `period_s` at rest in
         free hang; their noise says how far the filtered value may stray by itself."""

@@ -317,6 +317,7 @@ class _Driver:
             time_s=self._here.time_s(),
             pose=pose_from(pose[:3, 3], pose[:3, :3]),
             compression_m=self._compression.mean,
+            compression_sd_m=self._compression.mean_sd,
         )
 
     def _measured(self) -> m.Measured:

@@ -111,6 +111,7 @@ class Measured:
     time_s: float
     pose: Pose
     compression_m: float
+    compression_sd_m: float  # of it, by the noise of the readings
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -97,6 +97,7 @@ class UrRobot:
             pose=at.pose,
             compression_m=at.compression_m,
             views=views,
+            compression_sd_m=at.compression_sd_m,
         )
 
     def halt(self) -> None:

@@ -26,6 +26,7 @@ _HELD_BACK = 0.005  # [m] the wrist is stretched by a peg that holds on
 SLICE = 0.005  # [m] of one step of Insertion
 _TRIMMED = 0.0003  # [m] a load this close is trimmed
 _SPRANG_BACK = 0.001  # [m] of compression
+_CLEARLY_IN_M = 0.003  # below the board's surface; a tip on it is read within 2 mm
 _LIFTS = 40  # short lifts and shakes out of the hole, at most
 _HALF_SWING_S = 0.19  # of the tool that hangs from the soft wrist
 
@@ -218,20 +219,24 @@ class Hand:
         self.robot.tare()
 
     def down(self, most: float, touch: float) -> None:
-        """Down by at most `most` [m], ended by `touch` [m] of compression.
+        """Down by at most `most` [m], ended by `touch` [m] of compression, or in the hole.
 
         Raises:
-            RobotFault: "no_touch": it was not.
+            RobotFault: "no_touch": it was not, and no picture shows the tip in the hole.
         """
         goal = replace(self.at, z=self.at.z - most)
         self._move(goal, self._manner.guarded_speed_m_s, touch)
         last = self.motions[-1]
-        if last.stop is not Stop.TOUCH:
+        if last.stop is not Stop.TOUCH and not self._is_in_hole():
             raise RobotFault(
                 "no_touch",
                 f"nothing was felt down to {last.ended.z * 1e3:.1f} mm, where the peg should have"
                 " touched the board",
             )
+
+    def _is_in_hole(self) -> bool:
+        seen = self.tip()
+        return seen is not None and seen[0] > _CLEARLY_IN_M
 
     def load(self, compression: float) -> None:
         """Up or down until the wrist is pressed by about so much [m]."""
