@@ -341,6 +341,18 @@ PAGES: Mapping[str, Page] = {
             "python 1": Comes(says=("^inserted True$",), then=is_inserted),
         },
     ),
+    "docs/architecture.md": Page(
+        blocks={"text 1": NotRun(because="the layers: test_methods.py holds them")},
+    ),
+    "docs/how-to/method.md": Page(
+        blocks={
+            "pliant run --method slow.py:Slow": Comes(less="--no-video", says=INSERTED),
+            "pliant experiment --method slow.py:Slow --trials 20 --out runs/slow": Comes(
+                less=ONE, says=(r"slow\.py:Slow",), makes=("runs/slow/trials.parquet",), slow=True
+            ),
+            "slow.py": Comes(),
+        }
+    ),
     "docs/how-to/reasoner.md": Page(
         blocks={
             "pliant run --reasoner mine.py:Mine": Comes(

@@ -1,6 +1,7 @@
 """A method is one thing: asked, never compared by its name, and a user's own is a file."""
 
 import re
+import tomllib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -236,3 +237,17 @@ def test_where_colours_are_anything_the_method_is_told_none(
     monkeypatch.setattr(Guided, "sight", sight)
     composed(Spec.named(level=level), ScriptedRobot(), Setup(seed=1), shipped(), Rules())
     assert told == [colours]
+
+
+def test_the_drawing_of_the_architecture_is_the_contract_that_imports_are_held_to() -> None:
+    root = SOURCE.parents[1]
+    contract = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = contract["tool"]["importlinter"]["contracts"][0]["layers"]
+    held = [set(re.findall(r"\w+", layer)) for layer in layers]
+    page = (root / "docs" / "architecture.md").read_text(encoding="utf-8")
+    drawing = page.split("```text\n")[1].split("```")[0]
+    drawn = [name for line in drawing.splitlines() for name in line.split("  ")[0].split()]
+    assert len(drawn) == len(set(drawn)) == sum(map(len, held))
+    for layer in held:
+        assert set(drawn[: len(layer)]) == layer
+        drawn = drawn[len(layer) :]
