@@ -130,7 +130,7 @@ def loaded(robot: SimRobot) -> list[float]:
     return most
 
 
-def run(robot: Robot, name: str, mind: Hostile, sight: Sight) -> Run:
+def run(robot: Robot, name: str, mind: Hostile, sight: Sight, executions: int = EXECUTIONS) -> Run:
     task, taught, limits = load_task("circle"), shipped(), Limits()
     done = Run(
         robot=robot,
@@ -139,7 +139,7 @@ def run(robot: Robot, name: str, mind: Hostile, sight: Sight) -> Run:
         reasoner=mind,
         method=method(name),
         limits=limits,
-        patience=Patience(failures=EXECUTIONS, executions=EXECUTIONS),
+        patience=Patience(failures=executions, executions=executions),
         sight=sight,
     )
     for execution in done:
@@ -148,7 +148,9 @@ def run(robot: Robot, name: str, mind: Hostile, sight: Sight) -> Run:
     return done
 
 
-def simulated(trials: int, first_seed: int = 1) -> dict[tuple[str, str], list[tuple[float, str]]]:
+def simulated(
+    trials: int, first_seed: int = 1, executions: int = EXECUTIONS
+) -> dict[tuple[str, str], list[tuple[float, str]]]:
     """By method and sensor, the most load [m] and the end of each trial."""
     cell, found = SimCell(), defaultdict(list)
     task = load_task("circle")
@@ -164,7 +166,7 @@ def simulated(trials: int, first_seed: int = 1) -> dict[tuple[str, str], list[tu
             mind = Hostile(random)
             most = loaded(robot)
             with spoiled(robot, sensor, random):
-                done = run(robot, name, mind, sight)
+                done = run(robot, name, mind, sight, executions)
             plans += mind.plans
             found[name, sensor].append((most[0], done.end_reason))
             print(name, seed, sensor, f"{1e3 * most[0]:.1f} mm", done.end_reason, flush=True)
@@ -188,7 +190,8 @@ class _Watched(Guarded):
             self.most = max(self.most, abs(self._admin.truth().compression_m))
 
 
-def emulated(trials: int, noise_n: float) -> None:
+def emulated(trials: int, noise_n: float, executions: int = EXECUTIONS) -> float:
+    """The most that the wrist was truly loaded [m]."""
     from pliant.ur5e.cell import UrCell
     from pliant.ur5e.emulated import configuration_of
 
@@ -204,11 +207,12 @@ def emulated(trials: int, noise_n: float) -> None:
             setup = Setup(seed=seed, hole_y=float(random.uniform(-0.02, 0.02)))
             mind = Hostile(random)
             done = _Watched(real.prepare(task, setup), admin)
-            ended = run(done, "planar", mind, ByColour(task)).end_reason
+            ended = run(done, "planar", mind, ByColour(task), executions).end_reason
             plans += mind.plans
             most = max(most, done.most)
             print(seed, ended, f"{1e3 * done.most:.1f} mm", flush=True)
     print(f"emulated, {noise_n:g} N: {plans} hostile plans, at most {1e3 * most:.1f} mm")
+    return most
 
 
 def main() -> None:
@@ -223,7 +227,7 @@ def main() -> None:
         return
     for (name, sensor), trials in sorted(simulated(options.trials, options.first_seed).items()):
         loads = [1e3 * load for load, _ in trials]
-        ends = defaultdict(int)
+        ends: dict[str, int] = defaultdict(int)
         for _, end in trials:
             ends[end] += 1
         worst = f"n {len(loads):3d}  at most {max(loads):5.1f} mm"
