@@ -199,7 +199,7 @@ def test_a_sensor_that_answers_wrongly_ends_the_trial_one_that_slid_once_does_no
 def test_what_slides_after_the_sensor_has_answered_is_no_news() -> None:
     robot = ScriptedRobot()
     guarded = Guarded(robot, LIMITS)
-    for slope in (1.0, *[0.2] * 9):
+    for slope in (0.5, 1.05, *[0.2] * 9):
         robot.answer = Answer(slope=slope, sd=0.0)
         guarded.move_to(Pose(z=0.19), speed_m_s=0.02, stop_at_compression_m=0.02)
     assert guarded.has_answered

@@ -134,8 +134,10 @@ class Guarded:
         if answer is None or self.has_answered:
             return
         self.has_answered = answer.is_within(_LIKELY)
-        self._unlikely += not answer.is_within(_DOUBTED)
-        if self._unlikely >= _PRESSES or (self._unlikely and answer.slope > 1.0):
+        if answer.is_within(_DOUBTED):
+            return
+        self._unlikely += 1
+        if self._unlikely >= _PRESSES or answer.slope > 1.0:
             self._robot.halt()
             raise RobotFault(
                 "sensor",
