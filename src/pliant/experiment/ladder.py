@@ -11,7 +11,7 @@ from pliant.levels import INSERT, STOP, Level, shipped_levels
 from pliant.records import End
 
 STOPPED_BY = ("fault:no_touch", "fault:sensor", "fault:loaded")
-PAPERS_LEVEL, PAPERS_METHOD = "L0", "planar"
+PAPERS_LEVEL = "L0"
 _Key = tuple[str, str, str]  # level, method, reasoner
 
 
@@ -19,7 +19,8 @@ def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
     """Success, wrong verdicts, motions and simulated time of each level; empty for the paper's
     grid with the paper's method, which Table II shows."""
     groups = [(k, g) for k, g in _groups(trials) if not _is_scenario(k[0])]
-    if all(key[:2] == (PAPERS_LEVEL, PAPERS_METHOD) for key, _ in groups):
+    papers = (PAPERS_LEVEL, shipped_levels()[PAPERS_LEVEL].method)
+    if all(key[:2] == papers for key, _ in groups):
         return []
     return [_row(key, group) for key, group in groups]
 
@@ -32,7 +33,7 @@ def scenarios(trials: Iterable[Row]) -> list[dict[str, Any]]:
 def _groups(trials: Iterable[Row]) -> list[tuple[_Key, list[Row]]]:
     groups: dict[_Key, list[Row]] = {}
     for trial in trials:
-        key = (trial["level"], trial.get("method") or PAPERS_METHOD, trial["reasoner"])
+        key = (trial["level"], trial["method"], trial["reasoner"])
         groups.setdefault(key, []).append(trial)
     order = list(shipped_levels())
     ranked = sorted(groups, key=lambda key: order.index(key[0]) if key[0] in order else len(order))

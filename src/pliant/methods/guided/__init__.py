@@ -19,7 +19,6 @@ from pliant.methods.guided.hand import MECHANISMS, Manner
 from pliant.methods.guided.skills import SHIFTED, GuidedSkills
 from pliant.methods.sight import shipped_sight
 from pliant.methods.words import words_of
-from pliant.pose import Axis
 from pliant.records import Case, Evidence, Outcome, Recovery, Verdict
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -28,7 +27,6 @@ from pliant.vision.sight import Sight
 from pliant.vision.surround import ALL
 
 _PLANNABLE = {formation: (*OWNED[formation], *SHIFTED[formation]) for formation in Formation}
-_RETAKES = 4
 
 
 @dataclass(frozen=True)
@@ -39,6 +37,10 @@ class Guided:
         InputError: it has no such mechanism.
     """
 
+    plannable = _PLANNABLE
+    follows_belief = True
+    cameras = ALL
+    retakes = 4
     lacks: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
@@ -51,24 +53,8 @@ class Guided:
         return "-".join(["guided", *sorted(self.lacks)])
 
     @property
-    def plannable(self) -> Mapping[Formation, tuple[Axis, ...]]:
-        return _PLANNABLE
-
-    @property
-    def follows_belief(self) -> bool:
-        return True
-
-    @property
     def words(self) -> Mapping[str, str]:
         return words_of(__name__)
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        return ALL
-
-    @property
-    def retakes(self) -> int:
-        return _RETAKES
 
     def sight(self, task: Task, teaching: Teaching, colours: Colours | None) -> Sight:
         return shipped_sight(task, teaching, colours, calibrates="calibration" not in self.lacks)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pliant.belief import Belief, Seen
 from pliant.cell import Stop
 from pliant.envelope import Limits
-from pliant.formations import OWNED, Formation, Step
+from pliant.formations import OWNED, Step
 from pliant.methods import Skill
 from pliant.methods.planar import checks
 from pliant.methods.planar.belief import mean
@@ -14,7 +14,6 @@ from pliant.methods.planar.plan import Planner
 from pliant.methods.planar.skills import PlanarSkills
 from pliant.methods.sight import shipped_sight
 from pliant.methods.words import words_of
-from pliant.pose import Axis
 from pliant.records import Case, Evidence, Outcome, Recovery, Verdict
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -29,29 +28,15 @@ _UNLOADS_M = 0.002  # z; a stop passes its limit by less
 class Planar:
     """The paper's method (protocol `pliant.methods.Method`)."""
 
-    @property
-    def name(self) -> str:
-        return "planar"
-
-    @property
-    def plannable(self) -> Mapping[Formation, tuple[Axis, ...]]:
-        return OWNED
-
-    @property
-    def follows_belief(self) -> bool:
-        return False
+    name = "planar"
+    plannable = OWNED
+    follows_belief = False
+    cameras = (SIDE,)
+    retakes = 0
 
     @property
     def words(self) -> Mapping[str, str]:
         return words_of(__name__)
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        return (SIDE,)
-
-    @property
-    def retakes(self) -> int:
-        return 0
 
     def sight(self, task: Task, teaching: Teaching, colours: Colours | None) -> Sight:
         return shipped_sight(task, teaching, colours)
