@@ -163,6 +163,21 @@ def test_a_file_is_written_under_a_name_that_nobody_knew(
     assert not (tmp_path / "page").is_symlink()
 
 
+def test_a_picture_to_look_at_is_not_written_through_a_link(tmp_path: Path, mine: Path) -> None:
+    picture = np.zeros((2, 3, 3), np.uint8)
+    for place in (tmp_path / "peg.png", tmp_path / ".peg.png.part"):
+        place.symlink_to(mine / ".bashrc")
+    files.write_bytes(tmp_path / "peg.png", pictures.encoded(picture))
+    assert np.array_equal(pictures.read(tmp_path / "peg.png"), picture)
+
+
+def test_a_pipe_is_not_replaced_by_a_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "page")
+    with pytest.raises(InputError, match="it is not a file"):
+        files.write_bytes(tmp_path / "page", b"theirs")
+    assert (tmp_path / "page").is_fifo()
+
+
 @pytest.mark.parametrize("trial_id", ["../../home", "/etc", "..", "a/b", "", ".hidden", "a\nb"])
 def test_a_trials_name_leads_nowhere_else(folder: Path, trial_id: str) -> None:
     rows = rows_of(ran()[0])

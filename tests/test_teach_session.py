@@ -295,6 +295,20 @@ def test_what_was_recorded_survives_a_crash_and_is_undone_on_the_disk_too(tmp_pa
     assert list(Teacher(prepared(), task, place).session.records) == [Formation.APPROACH]
 
 
+@pytest.mark.parametrize("name", ["0-approach.png", "draft.yaml"])
+def test_a_draft_is_not_written_through_a_link(tmp_path: Path, name: str) -> None:
+    teacher = Teacher(prepared(), load_task("circle"), place_in(tmp_path))
+    teacher.press("enter")
+    mine, link = tmp_path / "mine", tmp_path / "goals.draft" / name
+    link.rename(mine)
+    before = mine.read_bytes()
+    link.symlink_to(mine)
+    teacher.press("u")
+    teacher.press("enter")
+    assert mine.read_bytes() == before
+    assert not link.is_symlink()
+
+
 def test_goals_are_written_as_they_are_loaded_and_the_draft_goes(tmp_path: Path) -> None:
     place = place_in(tmp_path)
     assert run(prepared(), tmp_path, *[[key] for key in all_taught()], ["enter"])

@@ -117,6 +117,26 @@ def test_goals_are_written_in_millimetres_and_degrees(goal_file: Path) -> None:
     assert load(goal_file).goals.formations[Formation.FIT] == {Axis.Y: pytest.approx(-0.030)}
 
 
+@pytest.mark.parametrize("name", ["fit.png", "goals.yaml"])
+def test_goals_are_not_written_through_a_link_to_nothing(tmp_path: Path, name: str) -> None:
+    mine, folder = tmp_path / ".config", tmp_path / "theirs"
+    folder.mkdir()
+    (folder / name).symlink_to(mine)
+    save(folder / "goals.yaml", shipped())
+    assert not mine.exists()
+    assert load(folder / "goals.yaml").goals == shipped().goals
+
+
+def test_a_goal_picture_is_not_written_through_a_link_to_a_file(tmp_path: Path) -> None:
+    mine, folder = tmp_path / "holiday.png", tmp_path / "theirs"
+    mine.write_bytes(b"mine")
+    folder.mkdir()
+    (folder / "fit.png").symlink_to(mine)
+    save(folder / "goals.yaml", shipped())
+    assert mine.read_bytes() == b"mine"
+    assert not (folder / "fit.png").is_symlink()
+
+
 # --- what cannot be loaded ---------------------------------------------------------------------
 
 

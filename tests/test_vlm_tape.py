@@ -20,7 +20,7 @@ from pliant.errors import InputError
 from pliant.reasoners import vlm
 from pliant.reasoners.vlm.reasoner import Vlm
 from pliant.reasoners.vlm.settings import Output, Plans, Settings
-from pliant.reasoners.vlm.tape import Recorder, Replayer
+from pliant.reasoners.vlm.tape import Recorder, Replayer, Reply, Request
 from pliant.records import Case, Recovery, Verdict
 
 SETTINGS = Settings(model="scripted", deadline_s=20, history=2)
@@ -177,6 +177,33 @@ def test_what_is_no_recording_is_not_written_over(tmp_path: Path) -> None:
     recorded(tape := tmp_path / "tape.jsonl")
     Recorder(tape)  # an earlier recording is
     assert len(tape.read_text(encoding="utf-8").splitlines()) == 1
+
+
+@pytest.mark.parametrize("target", ["nothing", "empty", "earlier.jsonl"])
+def test_a_recording_is_not_written_through_a_link(target: str, tmp_path: Path) -> None:
+    mine = tmp_path / target
+    if target == "empty":
+        mine.touch()
+    elif target == "earlier.jsonl":
+        recorded(mine)
+    before = mine.read_bytes() if mine.exists() else None
+    (tmp_path / "tape.jsonl").symlink_to(mine)
+    with pytest.raises(InputError, match=r"tape.jsonl' is a link"):
+        Recorder(tmp_path / "tape.jsonl")
+    assert (mine.read_bytes() if mine.exists() else None) == before
+
+
+def test_a_link_that_is_put_in_place_of_a_recording_later_is_not_followed(tmp_path: Path) -> None:
+    tape, mine = tmp_path / "tape.jsonl", tmp_path / "mine"
+    mine.touch()
+    recorder = Recorder(tape)
+    tape.unlink()
+    tape.symlink_to(mine)
+    with pytest.raises(InputError, match="cannot be written"):
+        recorder.keep(
+            Request(words={"a": 1}, pictures=()), Reply(message=None, error="none", latency_s=0)
+        )
+    assert mine.read_bytes() == b""
 
 
 @pytest.mark.parametrize(

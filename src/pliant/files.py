@@ -586,6 +586,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a person's own file in UTF-8, as `write_bytes` does; where `path` is a link, the file
-    it leads to is replaced."""
-    write_bytes(path.resolve() if path.is_symlink() else path, text.encode())
+    """Write a person's own file in UTF-8, as `write_bytes` does; where `path` is a link to a file,
+    that file is replaced; a link that leads to nothing is replaced itself."""
+    is_link = path.is_symlink() and path.is_file()
+    write_bytes(path.resolve() if is_link else path, text.encode())

@@ -102,6 +102,17 @@ def read(path: Path, most: int) -> bytes:
         return content
 
 
+def append(path: Path, content: bytes) -> None:
+    """Write at the end of a file that is there.
+
+    Raises:
+        OSError: it cannot be written, or is a link.
+    """
+    number = os.open(path, os.O_WRONLY | os.O_APPEND | _NO_LINK | _NO_WAIT | _BINARY)
+    with os.fdopen(number, "ab") as file:
+        file.write(content)
+
+
 @contextmanager
 def contained(what: str) -> Iterator[None]:
     """A block that works on data which may be somebody else's, wrong in a way that nobody thought
@@ -125,12 +136,14 @@ def contained(what: str) -> Iterator[None]:
 def whole(path: Path) -> Iterator[Path]:
     """A new, empty file to write; it becomes `path` when the block ends well, and goes when it does
     not. Its folder is made. A file that was there hands on its mode; a link at `path` is replaced,
-    not followed.
+    not followed; a pipe or a device is left as it is.
 
     Raises:
         OSError: it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not (path.is_file() or path.is_dir() or path.is_symlink()):
+        raise OSError(0, "it is not a file")
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK
     os.close(os.open(partial, flags, _MODE))

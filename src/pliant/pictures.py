@@ -1,4 +1,4 @@
-"""Pictures from files and from outside: their size is read before they are decoded.
+"""Pictures out and in: those from files and from outside, by their size before they are decoded.
 
 A picture of one colour is small as a file and as large as it says in memory: one that says too much
 is refused by its header. PNG, JPEG and WebP are read, and nothing else that OpenCV knows.
@@ -49,6 +49,13 @@ def decoded(data: bytes) -> Picture:
     if bgr is None:
         raise ValueError("is broken")
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+def encoded(picture: Picture) -> bytes:
+    """A picture (height, width, 3), RGB, as PNG."""
+    done, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    assert done, "OpenCV encodes any 8-bit picture"
+    return png.tobytes()
 
 
 def size_of(data: bytes) -> tuple[int, int]:

@@ -129,7 +129,7 @@ class Pictures:
         for name, image in self.unwritten.items():
             path = self.folder / f"{name}.png"
             if not path.exists():
-                write_png(path, image)
+                write_bytes(path, pictures.encoded(image))
 
     def load(self, name: object) -> NDArray[np.uint8]:
         """Raises ValueError if the picture is missing or not the one that was stored."""
@@ -221,15 +221,8 @@ def _document(path: Path) -> dict[str, Any]:
 # --- files -------------------------------------------------------------------------------------
 
 
-def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write a picture (height, width, 3), RGB; raises as `write_bytes` does."""
-    done, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    assert done, "OpenCV encodes any 8-bit picture"
-    write_bytes(path, png.tobytes())
-
-
 def write_jpeg(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write a drawn-on picture, which need not be kept to the bit; as `write_png`."""
+    """Write a drawn-on picture, which need not be kept to the bit; raises as `write_bytes` does."""
     quality = [cv2.IMWRITE_JPEG_QUALITY, 88]
     quality += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
     done, jpeg = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), quality)

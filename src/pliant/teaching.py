@@ -11,7 +11,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cv2
 import numpy as np
 from pydantic import Field, TypeAdapter
 
@@ -123,9 +122,7 @@ def save(path: Path, teaching: Teaching) -> None:
     for formation in Formation:
         shown = teaching.demonstrations[formation]
         picture = f"{formation}.png"
-        bgr = cv2.cvtColor(shown.view.image, cv2.COLOR_RGB2BGR)
-        if not cv2.imwrite(str(path.parent / picture), bgr):
-            raise InputError(f"the picture '{path.parent / picture}' cannot be written")
+        files.write_bytes(path.parent / picture, pictures.encoded(shown.view.image))
         entries[str(formation)] = {
             "goal": _report(teaching.goals.formations[formation]),
             "pose": _report({axis: shown.pose[axis] for axis in Axis}),

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 from rich.text import Text
 
-from pliant import conditions
+from pliant import conditions, files, pictures
 from pliant.calibration import camera as camera_calibration
 from pliant.calibration import colours as colour_calibration
 from pliant.calibration import file, tour
@@ -261,15 +261,7 @@ class _Session:
 
     def _keep(self, name: str, image: Image) -> None:
         path = self._out / name
-        try:
-            self._out.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(
-                cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
-            )
-        except OSError as error:
-            raise InputError(
-                f"'{path}' cannot be written ({error.strerror}): choose another --out"
-            ) from error
+        files.write_bytes(path, pictures.encoded(image))
         self._say(f"  look at {path}")
 
     def _say(self, text: str) -> None:

@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 from rich.live import Live
 
+from pliant import files, pictures
 from pliant.cell import Observation
 from pliant.cli.cells import opened, where
 from pliant.conditions import Setup
 from pliant.console import Console
-from pliant.errors import InputError, RobotFault
+from pliant.errors import RobotFault
 from pliant.paths import located, shown
 from pliant.task import Task, load_task, located_peg
 from pliant.vision.scene import Scene
@@ -88,20 +88,6 @@ def _shower(live: Live, title: str, task: Task, picture: Path | None) -> Callabl
         )
         if picture is not None:
             drawn = overlay.draw(observation.views["side"], scene, task)
-            _replace(
-                picture, cv2.imencode(".png", cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR))[1].tobytes()
-            )
+            files.write_bytes(picture, pictures.encoded(drawn))
 
     return show
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Whoever has the file open never sees half a picture."""
-    partial = path.with_name(f".{path.name}.part")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"'{path}' cannot be written ({error.strerror}): choose another --picture"
-        ) from error

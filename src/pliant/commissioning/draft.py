@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from pliant import files, pictures
@@ -83,7 +82,7 @@ class Draft:
                 **self._made_with,
                 "records": entries,
             }
-            files.write_text(path, files.yaml_text(document))
+            files.write_bytes(path, files.yaml_text(document).encode())
         except OSError as error:
             raise InputError(
                 f"the draft '{path}' cannot be written ({error.strerror}): choose another folder"
@@ -94,8 +93,7 @@ class Draft:
 
     def _entry(self, index: int, record: Record) -> dict[str, Any]:
         picture = f"{index}-{record.formation}.png"
-        bgr = cv2.cvtColor(record.view.image, cv2.COLOR_RGB2BGR)
-        (self.folder / picture).write_bytes(cv2.imencode(".png", bgr)[1].tobytes())
+        files.write_bytes(self.folder / picture, pictures.encoded(record.view.image))
         camera = record.view.camera
         return {
             "formation": str(record.formation),

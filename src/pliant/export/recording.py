@@ -7,12 +7,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant import folders
+from pliant import folders, pictures
 from pliant.errors import InputError
 from pliant.export import film
 from pliant.export.labels import Label, labels
@@ -158,7 +157,7 @@ class _Log:
         for execution in self._trial.executions:
             look = execution.outcome.looks[-1].observation
             self._recording.set_time(TIMELINE, duration=look.time_s)
-            png = _png(look.views[_CAMERA].image)
+            png = pictures.encoded(look.views[_CAMERA].image)
             self._recording.log(
                 f"pictures/{_CAMERA}", rr.EncodedImage(contents=png, media_type="image/png")
             )
@@ -215,12 +214,6 @@ def _shown(pose: Pose) -> dict[Axis, float]:
 
 def _ends(data: mujoco.MjData, spring: int) -> list[NDArray[np.float64]]:
     return [data.site(f"spring{spring}_{end}").xpos.copy() for end in ("top", "bottom")]
-
-
-def _png(image: NDArray[np.uint8]) -> bytes:
-    done, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    assert done, "OpenCV encodes any 8-bit picture"
-    return png.tobytes()
 
 
 def _blueprint() -> Any:

@@ -6,7 +6,7 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
-from pliant import folders
+from pliant import folders, pictures
 from pliant.errors import InputError
 from pliant.files import write_bytes
 from pliant.formations import Formation
@@ -24,7 +24,6 @@ from pliant.store import (
     Pictures,
     save_trial,
     write_jpeg,
-    write_png,
 )
 from pliant.task import load_task
 from pliant.teaching import Teaching
@@ -58,7 +57,7 @@ def write(
     if trajectory is not None:
         replay.save(folder, trajectory)
     if trial.executions:
-        write_png(folder / STRIP, strip.draw(trial.executions))
+        write_bytes(folder / STRIP, pictures.encoded(strip.draw(trial.executions)))
     show(folder, trial, teaching, film=video)
 
 

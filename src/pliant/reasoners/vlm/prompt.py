@@ -9,11 +9,11 @@ from functools import cache
 from importlib.resources import files
 from string import Template
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic_ai.messages import BinaryContent, UserContent
 
+from pliant import pictures
 from pliant.belief import Belief
 from pliant.cell import Stop
 from pliant.errors import InputError
@@ -304,6 +304,4 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def picture(image: NDArray[np.uint8]) -> BinaryContent:
     """A picture (height, width, 3), RGB, as PNG."""
-    done, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    assert done, "OpenCV encodes any 8-bit picture"
-    return BinaryContent(png.tobytes(), media_type="image/png")
+    return BinaryContent(pictures.encoded(image), media_type="image/png")

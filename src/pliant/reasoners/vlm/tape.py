@@ -20,6 +20,7 @@ from typing import Any, Protocol
 from pydantic import TypeAdapter
 from pydantic_ai.messages import ModelResponse
 
+from pliant import folders
 from pliant.errors import InputError
 
 TAPE_SCHEMA = 1
@@ -79,20 +80,25 @@ class Recorder:
     """Writes a recording; one that was in the file before is replaced.
 
     Raises:
-        InputError: the file cannot be written, or holds something else than a recording.
+        InputError: the file cannot be written, is a link, or holds something else than a recording.
     """
 
     path: Path
     _written: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
+        if self.path.is_symlink():
+            raise InputError(
+                f"'{self.path}' is a link, and a recording is not written through one: choose"
+                " another file"
+            )
         if self.path.is_file() and self.path.stat().st_size and not _is_recording(self.path):
             raise InputError(
                 f"'{self.path}' holds something else than a recording: choose another file"
             )
         versions = {name: _version(name) for name in _CLIENTS}
         head = {"tape": TAPE_SCHEMA, "versions": {k: v for k, v in versions.items() if v}}
-        self._write([head], "w")
+        self._write([head], anew=True)
 
     def find(self, request: Request) -> Reply | None:
         return None
@@ -111,16 +117,18 @@ class Recorder:
             "error": reply.error,
             "latency_s": reply.latency_s,
         }
-        self._write([*lines, exchange], "a")
+        self._write([*lines, exchange])
         self._written |= named.keys()
 
-    def _write(self, lines: list[Document], mode: str) -> None:
+    def _write(self, lines: list[Document], *, anew: bool = False) -> None:
         sealed = ({**line, "hash": _hash_of(line)} for line in lines)
         text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in sealed)
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open(mode, encoding="utf-8") as file:
-                file.write(text)
+            if anew:
+                with folders.whole(self.path) as partial:
+                    partial.write_text(text, encoding="utf-8")
+            else:
+                folders.append(self.path, text.encode())
         except OSError as error:
             raise InputError(
                 f"recording '{self.path}' cannot be written: {error.strerror}; choose another file"
