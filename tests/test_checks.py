@@ -14,6 +14,7 @@ from pliant.checks import (
     goal_picture,
     metric_insertion,
     pose_check,
+    slid,
     table_i,
 )
 from pliant.formations import OWNED, Formation
@@ -291,6 +292,15 @@ def test_what_is_felt_is_held_against_the_tips_height_in_the_picture() -> None:
     unseen = replace(in_contact(0.0, tip_z=0.0, z=HANGS - 0.03))
     unseen = replace(unseen, looks=(replace(unseen.looks[0], scene=UNSEEN),))
     assert doubted(unseen) is None
+
+
+def test_a_peg_that_is_seen_higher_than_it_is_felt_has_slid_up_in_the_grasp() -> None:
+    task, belief = load_task("circle"), Belief()
+    for by, believed in ((0.0, 0.0), (0.004, 0.004), (0.030, 0.010), (-0.004, 0.0)):
+        outcome = in_contact(0.003, tip_z=by, z=HANGS - 0.003)
+        assert slid(task, outcome, belief, shipped()) == pytest.approx(believed, abs=0.0012)
+    unseen = replace(outcome, looks=(replace(outcome.looks[0], scene=UNSEEN),))
+    assert slid(task, unseen, belief, shipped()) is None
 
 
 @pytest.mark.parametrize(("tip_z", "is_doubted"), [(0.0, True), (-0.010, False)])

@@ -61,8 +61,9 @@ def sag_m(teaching: Teaching) -> float:
     return (z.value - seen.peg.tip_z.value) / math.cos(shown.pose.roll) ** 2
 
 
-def descent_of(belief: Belief, task: Task, teaching: Teaching) -> Descent:
-    """How low the hand may go by what is believed of the board; nominal until it was seen."""
+def descent_of(belief: Belief, task: Task, teaching: Teaching, slid_m: float = 0.0) -> Descent:
+    """How low the hand may go by what is believed of the board; nominal until it was seen. A peg
+    that has slid up in the grasp by `slid_m` touches so much later [m]."""
     surface = belief.surface_z.value if belief.surface_z is not None else 0.0
-    hang = task.tip_below_hinge + sag_m(teaching)
+    hang = task.tip_below_hinge + sag_m(teaching) - slid_m
     return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth)

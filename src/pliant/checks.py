@@ -27,6 +27,7 @@ INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 
 SEEN_M = 0.015  # pressed further than felt, by the picture: the sensor is wrong
+MOST_SLID_M = 0.010  # 11 mm were seen in one of 98 trials of L6+
 UNFELT_M = 0.003  # the tip, below the surface: a peg may go in without being felt
 
 
@@ -137,6 +138,15 @@ def doubt(
     if scene.peg.tip_z.value < surface - UNFELT_M:
         return None
     return "it has never answered to being pressed as it should"
+
+
+def slid(task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> float | None:
+    """How far the peg has slid up in the grasp [m], by what is seen more than felt; None: the peg
+    is not seen. No peg is believed to slide further than by `MOST_SLID_M`."""
+    seen = seen_compression(task, outcome, belief, teaching)
+    if seen is None:
+        return None
+    return min(MOST_SLID_M, max(0.0, seen - outcome.looks[-1].observation.compression_m))
 
 
 def seen_compression(

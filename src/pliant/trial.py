@@ -12,7 +12,7 @@ from functools import partial
 
 from pliant.belief import Belief, Seen, descent_of
 from pliant.cell import Robot
-from pliant.checks import doubt
+from pliant.checks import doubt, slid
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
@@ -108,7 +108,7 @@ class Run:
         goals = self.teaching.goals
         skill = self.method.skill(self.task, self.teaching, self.limits)
         queue = deque(goals.step(formation) for formation in Formation)
-        failures = 0
+        failures, slid_m = 0, 0.0
         while True:
             if not queue:
                 self.end_reason = End.FINISHED
@@ -121,7 +121,7 @@ class Run:
             target = goals.target(step.formation)
             robot.motions.clear()
             self._begun = step, target
-            robot.descent = descent_of(self.belief, self.task, self.teaching)
+            robot.descent = descent_of(self.belief, self.task, self.teaching, slid_m)
             outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
             self._believe(outcome)
             problem = doubt(
@@ -130,6 +130,9 @@ class Run:
             if problem is not None:
                 robot.halt()
                 raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")
+            if robot.has_answered:  # else what is not felt may be the sensor's fault
+                now = slid(self.task, outcome, self.belief, self.teaching)
+                slid_m = slid_m if now is None else now
             case = Case(
                 task=self.task,
                 teaching=self.teaching,
