@@ -10,7 +10,7 @@ import pytest
 from loopback import Handler, Loopback, completion, loopback
 from vlm_cases import simulated
 
-from pliant.network import is_loopback, keep_direct, open_directly
+from pliant.network import is_loopback, keep_direct, open_directly, origin
 from pliant.reasoners import vlm
 from pliant.reasoners.vlm.settings import Settings
 
@@ -56,10 +56,34 @@ def proxied(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
 def own_server(monkeypatch: pytest.MonkeyPatch) -> None:
     """See conftest.py."""
     monkeypatch.setenv("OPENAI_API_KEY", "sk-0123456789")
+    for name in ("PLIANT_VLM_KEY", "PLIANT_VLM_KEY_FOR"):
+        monkeypatch.delenv(name, raising=False)
 
 
 def says_no(server: Loopback, handler: Handler) -> None:
     handler.send(completion(handler.received.body, "no"))
+
+
+@pytest.mark.parametrize(
+    ("url", "server"),
+    [
+        ("http://localhost:8000/v1", "http://localhost:8000"),
+        ("HTTPS://Example.org./", "https://example.org:443"),
+        ("http://example.org", "http://example.org:80"),
+        ("http://[::1]:8000/v1", "http://[::1]:8000"),
+        ("https://example.org@evil.example/", "https://evil.example:443"),
+    ],
+)
+def test_a_server_is_its_scheme_host_and_port(url: str, server: str) -> None:
+    assert origin(url) == server
+
+
+@pytest.mark.parametrize(
+    "url", ["localhost:8000", "example.org", "ftp://a/", "http://", "http://a:x"]
+)
+def test_what_is_no_address_of_a_server_is_said(url: str) -> None:
+    with pytest.raises(ValueError, match=r"must begin with http|Port"):
+        origin(url)
 
 
 @pytest.mark.usefixtures("own_server")
@@ -79,6 +103,7 @@ def test_a_provider_that_a_variable_points_here_is_asked_past_the_proxy(
 ) -> None:
     with loopback(says_no) as server:
         monkeypatch.setenv("OPENAI_BASE_URL", server.base_url)
+        monkeypatch.setenv("PLIANT_VLM_KEY_FOR", server.base_url)
         vlm(Settings(model="openai:gpt-4o", picture=False)).judge(simulated().judged[0])
     assert server.received
     assert proxied == []

@@ -9,6 +9,7 @@ from loopback import Fields, Handler, Loopback, completion, loopback
 from vlm_cases import simulated
 from voices import judgement
 
+from pliant.errors import InputError
 from pliant.reasoners import vlm
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.settings import Detail, Output, Settings
@@ -110,6 +111,14 @@ def pictures(body: Fields) -> int:
     return sum(PNG in data[:40] for data in (*inline, *blocks, *urls))
 
 
+@pytest.fixture(autouse=True)
+def keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of real providers."""
+    for name in ("GOOGLE_API_KEY", "ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, "k-0123456789")
+    monkeypatch.delenv("PLIANT_VLM_KEY_FOR", raising=False)
+
+
 @pytest.mark.filterwarnings("ignore:Sampling parameters:UserWarning")
 @pytest.mark.parametrize("output", [Output.TOOL, Output.PROMPTED])
 @pytest.mark.parametrize("model", list(PROVIDERS))
@@ -117,14 +126,13 @@ def test_the_pictures_reach_every_provider(
     model: str, output: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reply, variable, path = PROVIDERS[model]
-    for name in ("GOOGLE_API_KEY", "ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
-        monkeypatch.setenv(name, "k-0123456789")
 
     def behave(server: Loopback, handler: Handler) -> None:
         handler.send(json.dumps(reply(handler.received.body)).encode())
 
     with loopback(behave) as server:
         monkeypatch.setenv(variable, server.base_url.removesuffix("/v1") + path)
+        monkeypatch.setenv("PLIANT_VLM_KEY_FOR", server.base_url)
         mind = vlm(Settings(model=model, output=output, detail=Detail.LOW, deadline_s=30))
         verdict = mind.judge(case())
     assert verdict.fallback == ""
@@ -134,3 +142,42 @@ def test_the_pictures_reach_every_provider(
     details = ["low", "low"] if model.startswith("openai") else []
     assert found(received.body, "detail") == details
     assert found(received.body, "videoMetadata") == []
+
+
+def answered(server: Loopback, handler: Handler) -> None:
+    handler.send(b"{}")
+
+
+@pytest.mark.parametrize("model", list(PROVIDERS))
+def test_a_providers_key_is_for_that_provider_alone(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, variable, path = PROVIDERS[model]
+    with loopback(answered) as server:
+        monkeypatch.setenv(variable, server.base_url.removesuffix("/v1") + path)
+        with pytest.raises(InputError, match=r"points its provider to http://127.0.0.1:\d+.* set"):
+            vlm(Settings(model=model))
+    assert server.received == []
+    monkeypatch.delenv(variable)
+    vlm(Settings(model=model))  # to its own server it goes
+
+
+@pytest.mark.filterwarnings("ignore:Sampling parameters:UserWarning")
+@pytest.mark.parametrize("code", [307, 308])
+@pytest.mark.parametrize("model", list(PROVIDERS))
+def test_no_client_follows_a_redirect_and_its_target_is_named(
+    model: str, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, variable, path = PROVIDERS[model]
+
+    def redirect(server: Loopback, handler: Handler) -> None:
+        handler.send(b"", status=code, Location=f"{theirs.base_url}/elsewhere?key=secret")
+
+    with loopback(answered) as theirs, loopback(redirect) as mine:
+        monkeypatch.setenv(variable, mine.base_url.removesuffix("/v1") + path)
+        monkeypatch.setenv("PLIANT_VLM_KEY_FOR", mine.base_url)
+        verdict = vlm(Settings(model=model, deadline_s=30)).judge(case())
+    assert len(mine.received) == 1
+    assert theirs.received == []
+    assert f"asked on to {theirs.base_url}/elsewhere: it is not followed" in verdict.fallback
+    assert "\n" not in verdict.fallback

@@ -393,6 +393,8 @@ def test_a_process_ends_at_once_and_leaves_nothing_open(interrupted: bool) -> No
         ({"base_url": "http://[::1"}, "with http or https"),
         ({"base_url": "http://h:99999/v1"}, "with http or https"),
         ({"base_url": "http://local host/v1"}, "with http or https"),
+        ({"base_url": "http://example.org\\.evil.example/v1"}, "with http or https"),
+        ({"base_url": "http://ex\u0430mple.org/v1"}, "with http or https"),  # a Cyrillic a
     ],
 )
 def test_settings_that_cannot_be_are_refused_in_one_line(fields: dict[str, Any], says: str) -> None:

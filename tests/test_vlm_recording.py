@@ -105,6 +105,7 @@ def test_a_run_is_recorded_and_replays_to_the_same_trial(
     tape = tmp_path / "tape.jsonl"
     words = ("run", "--reasoner", "vlm", "--seed", "4", "--measurements", "--no-video", "--json")
     with loopback(heeds_the_checks) as server:
+        monkeypatch.setenv("PLIANT_VLM_KEY_FOR", server.base_url)
         asked = ("--model", "small", "--base-url", server.base_url, "--record", tape)
         first = pliant(*words, *asked, "--out", tmp_path / "first")
     assert first.returncode in (0, 1), first.stderr

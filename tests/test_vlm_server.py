@@ -32,6 +32,7 @@ Behaviour = Callable[[Loopback, Handler], None]
 def own_server(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keys and names as a user may have them; see conftest.py."""
     monkeypatch.setenv("PLIANT_VLM_KEY", KEY)
+    monkeypatch.setenv("PLIANT_VLM_KEY_FOR", "https://vlm.example.org/v1")
     monkeypatch.setenv("OPENAI_API_KEY", OTHER)
     monkeypatch.setenv("OPENAI_ADMIN_KEY", OTHER)
     monkeypatch.setenv("OPENAI_ORG_ID", "org-9876543210")
@@ -97,8 +98,11 @@ def test_a_server_is_asked_with_both_pictures_and_its_answer_counts(output: Outp
         assert body["response_format"]["json_schema"]["strict"]
 
 
-def test_the_key_travels_in_one_header_and_nothing_else_of_the_environment_does() -> None:
+def test_the_key_travels_in_one_header_and_nothing_else_of_the_environment_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with loopback(speaks_for_the_rules) as server:
+        monkeypatch.setenv("PLIANT_VLM_KEY_FOR", server.base_url)
         asked(server, deadline_s=30).judge(inserted())
     (received,) = server.received
     assert received.headers.pop("authorization") == f"Bearer {KEY}"
@@ -114,13 +118,77 @@ def test_without_a_key_for_the_server_no_other_key_is_sent(monkeypatch: pytest.M
     assert server.received[0].headers["authorization"] == "Bearer none"
 
 
+def test_a_key_goes_to_the_server_that_it_is_for_and_to_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with loopback(speaks_for_the_rules) as mine, loopback(speaks_for_the_rules) as theirs:
+        monkeypatch.setenv("PLIANT_VLM_KEY_FOR", mine.base_url.removesuffix("/v1") + "/")
+        for server in (mine, theirs):
+            assert asked(server, deadline_s=30).judge(inserted()).by == "vlm"
+    assert [r.headers["authorization"] for r in mine.received] == [f"Bearer {KEY}"]
+    assert [r.headers["authorization"] for r in theirs.received] == ["Bearer none"]
+    assert KEY not in json.dumps([r.headers for r in theirs.received])
+
+
+def test_a_key_for_no_server_is_refused_before_anything_is_sent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with loopback(speaks_for_the_rules) as server:
+        monkeypatch.delenv("PLIANT_VLM_KEY_FOR")
+        with pytest.raises(InputError, match=f"set PLIANT_VLM_KEY_FOR .*{server.base_url}"):
+            asked(server)
+        for given in ("localhost:8000", KEY):
+            monkeypatch.setenv("PLIANT_VLM_KEY_FOR", given)
+            with pytest.raises(InputError, match=r"^PLIANT_VLM_KEY_FOR holds no") as refused:
+                asked(server)
+            assert given not in str(refused.value).partition("such as")[0]
+    assert server.received == []
+
+
+def test_a_server_that_wants_a_key_and_got_none_is_told_with_the_reason() -> None:
+    with loopback(status(401)) as server:
+        fallback = asked(server, picture=False).judge(inserted()).fallback
+    assert "401: not now; no key was sent to http://127.0.0.1:" in fallback
+    assert "PLIANT_VLM_KEY is for https://vlm.example.org" in fallback
+    assert "\n" not in fallback
+
+
+@pytest.mark.parametrize("model", ["openai:gpt-4o", "openai-chat:gpt-4o"])
+def test_a_variable_does_not_lead_a_providers_key_elsewhere(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with loopback(speaks_for_the_rules) as server:
+        monkeypatch.setenv("OPENAI_BASE_URL", server.base_url)
+        with pytest.raises(InputError, match=f"points its provider to {server.base_url}, and"):
+            vlm(Settings(model=model))
+    assert server.received == []
+
+
+@pytest.mark.parametrize("code", [301, 302, 307, 308])
+def test_a_redirect_is_not_followed_and_its_target_is_named(
+    code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with loopback(speaks_for_the_rules) as theirs:
+        target = f"{theirs.base_url}/chat/completions"
+        with loopback(status(code, Location=f"{target}?key=secret")) as mine:
+            monkeypatch.setenv("PLIANT_VLM_KEY_FOR", mine.base_url)
+            verdict = asked(mine, picture=False, deadline_s=30).judge(inserted())
+    assert len(mine.received) == 1
+    assert theirs.received == []
+    assert f"{mine.base_url} sends what it is asked on to {target}: it is not" in verdict.fallback
+    assert "secret" not in verdict.fallback
+    assert "\n" not in verdict.fallback
+
+
 def test_headers_meant_for_openai_are_not_sent_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENAI_CUSTOM_HEADERS", "X-Secret: 1")
     with pytest.raises(InputError, match="OPENAI_CUSTOM_HEADERS is set"):
         vlm(Settings(model="small", base_url="http://localhost:8000/v1"))
 
 
-def test_a_key_that_the_server_sends_back_stays_out_of_every_record(tmp_path: Path) -> None:
+def test_a_key_that_the_server_sends_back_stays_out_of_every_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def echo(server: Loopback, handler: Handler) -> None:
         if len(server.received) == 1:
             handler.send(f"no such key: {handler.headers['authorization']}".encode(), status=401)
@@ -129,6 +197,7 @@ def test_a_key_that_the_server_sends_back_stays_out_of_every_record(tmp_path: Pa
 
     tape = tmp_path / "tape.jsonl"
     with loopback(echo) as server:
+        monkeypatch.setenv("PLIANT_VLM_KEY_FOR", server.base_url)
         settings = Settings(model="small", base_url=server.base_url, deadline_s=30)
         mind = vlm(settings, record=tape)
         verdicts = [mind.judge(inserted()) for _ in range(2)]

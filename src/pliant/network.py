@@ -22,6 +22,20 @@ def open_directly(url: str, timeout_s: float) -> HTTPResponse:
     return cast(HTTPResponse, _DIRECT.open(url, timeout=timeout_s))
 
 
+def origin(url: str) -> str:
+    """Which server an address is of: scheme, host and port, as `https://example.org:443`.
+
+    Raises:
+        ValueError: it is no address of http or https.
+    """
+    parts = urlsplit(url)
+    ports = {"http": 80, "https": 443}
+    if parts.scheme not in ports or not parts.hostname:
+        raise ValueError("it must begin with http:// or https:// and a host")
+    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname.rstrip(".")
+    return f"{parts.scheme}://{host}:{parts.port or ports[parts.scheme]}"
+
+
 def is_loopback(host: str) -> bool:
     """Whether a host, by name or address, is this machine: localhost, 127.0.0.0/8 in any spelling,
     ::1, or 0.0.0.0, which servers print as their own address."""

@@ -6,7 +6,7 @@ import socket
 import ssl
 from collections.abc import Iterator
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import urljoin, urlsplit
 
 from pydantic_ai.exceptions import (
     ModelAPIError,
@@ -37,14 +37,20 @@ MAY_PASS = (
 def why(error: BaseException, base_url: str | None = None) -> str:
     """The cause of an error in one line: a server's status and its own message, or what the
     operating system says of the connection to `base_url`."""
-    if isinstance(error, ModelHTTPError):
+    if isinstance(error, ModelHTTPError) and not 300 <= error.status_code < 400:
         meant = error.suggested_model_id
         told = said(error.body) or "no reason given"
         hint = f"; did you mean {meant}?" if meant else ""
         return one_line(f"{error.status_code}: {told}{hint}")
     if isinstance(error, ModelConnectionError):
-        place = f" to {_address(base_url)}" if base_url else ""
+        place = f" to {address(base_url)}" if base_url else ""
         return one_line(f"connection{place} failed: {_systems(error)}")
+    if (target := _sent_on_to(error)) is not None:
+        place = f"{address(base_url)} sends" if base_url else "the server sends"
+        return one_line(
+            f"{place} what it is asked on to {target}: it is not followed, since the pictures and"
+            " the key would go there; if that is the server, give its address"
+        )
     return one_line(str(error)) or type(error).__name__
 
 
@@ -63,7 +69,7 @@ def causes(error: BaseException | None) -> Iterator[BaseException]:
 def will_not_pass(error: BaseException) -> bool:
     """Whether the same request, sent again in a while, would meet the same end: it was refused for
     what it is or whose it is, or nobody is there to hear it or to answer in time."""
-    if isinstance(error, ModelTimeoutError):
+    if isinstance(error, ModelTimeoutError) or _sent_on_to(error) is not None:
         return True
     if isinstance(error, ModelConnectionError):
         return _is_nobody(error)
@@ -103,6 +109,21 @@ _KINDS: tuple[tuple[range, Any], ...] = (
 )
 
 
+def _sent_on_to(error: BaseException) -> str | None:
+    """Where a server sends on what it is asked; None: it does not."""
+    for cause in causes(error):
+        response = getattr(cause, "response", None)
+        code = getattr(response, "status_code", None)
+        if isinstance(code, int) and 300 <= code < 400:
+            assert response is not None
+            location = urljoin(str(response.url), response.headers.get("location", ""))
+            try:
+                return address(location)
+            except ValueError:
+                return "an address that is none"
+    return None
+
+
 def _systems(error: BaseException) -> str:
     """What lies deepest under an error: the operating system's words where it has some."""
     chain = [e for e in causes(error) if str(e)]
@@ -125,7 +146,7 @@ def _is_nobody(error: BaseException) -> bool:
     )
 
 
-def _address(url: str) -> str:
+def address(url: str) -> str:
     """A server's address without what may be secret in it."""
     parts = urlsplit(url)
     host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname

@@ -4,23 +4,33 @@ import os
 import re
 from typing import Any
 
-from pydantic_ai.exceptions import ModelRequestRejectedError, UserError
+from pydantic_ai.exceptions import ModelHTTPError, ModelRequestRejectedError, UserError
 from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models import Model, ModelRequestParameters, infer_model
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.settings import ModelSettings
 
 from pliant.errors import InputError
-from pliant.network import keep_direct
-from pliant.reasoners.vlm.causes import refusal
+from pliant.network import keep_direct, origin
+from pliant.reasoners.vlm.causes import address, refusal, said
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Replayer
 from pliant.reasoners.vlm.words import one_line
 
 KEY = "PLIANT_VLM_KEY"
-"""Environment variable with the key of the server at `base_url`. What a provider's own variables
-hold is never sent to another address."""
+"""Environment variable with the key of the server at `base_url`."""
 
+KEY_FOR = "PLIANT_VLM_KEY_FOR"
+"""Environment variable with the address of the server that a key is for; no other gets it."""
+
+_HOMES = {
+    "openai": "https://api.openai.com:443",
+    "anthropic": "https://api.anthropic.com:443",
+    "google": "https://generativelanguage.googleapis.com:443",
+}
+"""Where the keys go that the providers' own variables hold, by the client's `system`."""
+
+_NEEDS_KEY = (401, 403)
 _ACCOUNT = ("OpenAI-Organization", "OpenAI-Project")  # headers that its client adds for OpenAI
 
 
@@ -49,6 +59,8 @@ def model_of(settings: Settings) -> Model:
             f"model '{settings.model}': its provider's library is missing;"
             " pip install 'pliant[vlm]', or pydantic-ai-slim with that provider's extra"
         ) from error
+    except InputError:
+        raise
     except (UserError, ValueError) as error:
         raise InputError(f"model '{settings.model}': {_advice(error)}") from error
 
@@ -64,9 +76,22 @@ def takes_detail(model: Model) -> bool:
 
 
 def _inferred(name: str) -> Model:
-    """A provider's model. Where variables of that provider point it at this machine, its client is
-    made again, since it has read the proxies by then."""
+    """A provider's model, at that provider's own server or the one that `KEY_FOR` names. Where
+    variables of the provider point it at this machine, its client is made again, since it has read
+    the proxies by then.
+
+    Raises:
+        InputError: variables of the provider point it elsewhere, and its key would go there.
+    """
     model = infer_model(name)
+    home = _HOMES.get(model.system)
+    if home is not None and model.base_url and origin(model.base_url) not in (home, _key_is_for()):
+        raise InputError(
+            f"model '{name}': the environment points its provider to {address(model.base_url)},"
+            f" and the provider's key is for {address(home)} alone: unset that variable"
+            f" ({model.system.upper()}_BASE_URL or such), or, if the key is meant for that server,"
+            f" set {KEY_FOR} to its address"
+        )
     return infer_model(name) if model.base_url and keep_direct(model.base_url) else model
 
 
@@ -98,7 +123,12 @@ def _served(name: str, base_url: str) -> Model:
             ask = super().request
             try:
                 return await ask(messages, model_settings, model_request_parameters)
-            except ModelRequestRejectedError as error:
+            except ModelHTTPError as error:
+                if error.status_code in _NEEDS_KEY and not key:
+                    body = f"{said(error.body)}; {withheld}"
+                    raise refusal(error.status_code, body, self.model_name) from error
+                if not isinstance(error, ModelRequestRejectedError):
+                    raise
                 if self._is_new or "max_completion_tokens" not in str(error):
                     raise
             self._is_new = True
@@ -119,12 +149,37 @@ def _served(name: str, base_url: str) -> Model:
         raise InputError(
             f"OPENAI_CUSTOM_HEADERS is set, and its headers would be sent to {base_url}: unset it"
         )
+    key, is_for = os.environ.get(KEY), _key_is_for()
+    if key and is_for is None:
+        raise InputError(
+            f"{KEY} is set, and not for which server, so that any could get it: set {KEY_FOR}"
+            f" to the address it is for, such as {address(base_url)}, or unset {KEY}"
+        )
+    if is_for != origin(base_url):
+        key = None
+    whose = f"{KEY} is for {address(is_for)}" if is_for else f"{KEY} is not set"
+    withheld = f"no key was sent to {address(base_url)}: {whose} (and {KEY_FOR} says for which)"
     keep_direct(base_url)
     return Served(
         name,
-        provider=OpenAIProvider(base_url=base_url, api_key=os.environ.get(KEY) or "none"),
+        provider=OpenAIProvider(base_url=base_url, api_key=key or "none"),
         settings=ModelSettings(extra_headers=dict.fromkeys(_ACCOUNT, omit)),  # type: ignore[arg-type]
     )
+
+
+def _key_is_for() -> str | None:
+    """The server that the environment's key is for; None: it does not say.
+
+    Raises:
+        InputError: what it says is no address.
+    """
+    given = os.environ.get(KEY_FOR)
+    try:
+        return origin(given) if given else None
+    except ValueError as error:
+        raise InputError(  # what it holds may be a key
+            f"{KEY_FOR} holds no server's address: {error}, such as http://localhost:8000"
+        ) from error
 
 
 def recorded(tape: Replayer) -> Model:

@@ -56,7 +56,7 @@ class Settings:
     """Provider and name, such as openai:gpt-4o; with `base_url` the name the server knows."""
     base_url: str | None = None
     """An OpenAI-compatible server, such as http://localhost:8000/v1; a key, where it wants one, is
-    read from PLIANT_VLM_KEY."""
+    read from PLIANT_VLM_KEY, if PLIANT_VLM_KEY_FOR names this server."""
     output: Output | None = None
     """tool, native or prompted; None: native with `base_url`, else tool."""
     plan: Plans = Plans.BOUNDED
@@ -179,7 +179,7 @@ def _check_address(address: str) -> None:
             "base_url holds a name, a password, a query or a fragment, which would be stored with"
             " the results: give the address alone, and the key in PLIANT_VLM_KEY"
         )
-    if not usable or not address.isprintable() or " " in address:
+    if not usable or not address.isascii() or not address.isprintable() or {*" \\"} & {*address}:
         raise InputError(
             f"base_url is {address!r}: it must be like http://localhost:8000/v1, with http or https"
         )
