@@ -145,10 +145,16 @@ def test_a_key_for_no_server_is_refused_before_anything_is_sent(
     assert server.received == []
 
 
-def test_a_server_that_wants_a_key_and_got_none_is_told_with_the_reason() -> None:
-    with loopback(status(401)) as server:
+@pytest.mark.parametrize(("words", "told"), [(b"not now", "not now"), (b"", "no reason given")])
+def test_a_server_that_wants_a_key_and_got_none_is_told_with_the_reason(
+    words: bytes, told: str
+) -> None:
+    def wants_a_key(server: Loopback, handler: Handler) -> None:
+        handler.send(words, status=401)
+
+    with loopback(wants_a_key) as server:
         fallback = asked(server, picture=False).judge(inserted()).fallback
-    assert "401: not now; no key was sent to http://127.0.0.1:" in fallback
+    assert f"401: {told}; no key was sent to http://127.0.0.1:" in fallback
     assert "PLIANT_VLM_KEY is for https://vlm.example.org" in fallback
     assert "\n" not in fallback
 

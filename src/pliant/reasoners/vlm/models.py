@@ -125,7 +125,7 @@ def _served(name: str, base_url: str) -> Model:
                 return await ask(messages, model_settings, model_request_parameters)
             except ModelHTTPError as error:
                 if error.status_code in _NEEDS_KEY and not key:
-                    body = f"{said(error.body)}; {withheld}"
+                    body = f"{said(error.body) or 'no reason given'}; {withheld}"
                     raise refusal(error.status_code, body, self.model_name) from error
                 if not isinstance(error, ModelRequestRejectedError):
                     raise
