@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stand_ins import ScriptedRobot, executed
+from stand_ins import ScriptedRobot, executed, scene_of
 from vlm_cases import blind, wedged
 
 from pliant.belief import Belief, Seen
@@ -253,12 +253,16 @@ def test_methods_that_there_are_not_are_refused_with_those_that_there_are(
 # --- what a touch is held against ----------------------------------------------------------------
 
 
-def hand_at(robot: ScriptedRobot, surface_z: float = 0.0) -> Hand:
-    belief = Belief(surface_z=Measured(value=surface_z, sd=0.0002))
+HOLE_Y = Measured(value=0.0, sd=0.0002)
+
+
+def hand_at(robot: ScriptedRobot, surface_z: float = 0.0, scene: Scene | None = None) -> Hand:
+    belief = Belief(hole_y=HOLE_Y, surface_z=Measured(value=surface_z, sd=0.0002))
     task = load_task("square", "L1")
 
     def look(cameras: Sequence[str] = ("side",)) -> Look:
-        raise AssertionError("nothing is looked at")
+        assert scene is not None, "nothing is looked at"
+        return Look(observation=robot.observe(cameras), scene=scene)
 
     return Hand(Manner(), task, TEACHING, robot, look, Formation.CONTACT, belief)
 
@@ -266,8 +270,9 @@ def hand_at(robot: ScriptedRobot, surface_z: float = 0.0) -> Hand:
 def test_a_descent_that_meets_nothing_is_a_fault() -> None:
     robot = ScriptedRobot(pose=Pose(z=0.22))
     with pytest.raises(RobotFault, match=r"nothing was felt down to 160\.0 mm") as fault:
-        hand_at(robot).down(0.06, 0.004)
+        hand_at(robot, scene=scene_of(tip_z=0.0)).down(0.06, 0.004)
     assert fault.value.kind == "no_touch"
+    hand_at(robot, scene=scene_of(tip_z=-0.008)).down(0.06, 0.004)  # went in without a touch
     touching = ScriptedRobot(pose=Pose(z=0.22), blocked_below=0.19)
     hand = hand_at(touching)
     hand.down(0.06, 0.004)

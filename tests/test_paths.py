@@ -4,9 +4,11 @@ not say where that was."""
 import json
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,6 +36,11 @@ cells:
 - {peg: [circle, own/thick.yaml], condition: all, reasoner: own/mine.py:Mine}
 goals: own/goals/goals.yaml
 """
+
+
+def agreed(path: Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
+    """An experiment file whose own code somebody has agreed to."""
+    return load(path, overrides, agree=lambda named: None)
 
 
 def project(folder: Path, diameter: float = 30.0) -> Path:
@@ -134,14 +141,14 @@ def test_an_experiment_files_names_count_from_its_folder_and_from_nowhere_else(
     path = project(tmp_path / "there")
     project(tmp_path / "here", diameter=20.0)
     monkeypatch.chdir(tmp_path / "here")  # where files of the same names stand
-    planned = load(Path("../there/experiment.yaml"))
+    planned = agreed(Path("../there/experiment.yaml"))
     assert planned.cells[0].task.peg.radius == pytest.approx(0.015)
     assert planned.goals == f"{tmp_path / 'here'}/../there/own/goals/goals.yaml"
     assert [c.names[-1] for c in planned.cells] == ["rules", *["mine.py:Mine"] * 3]
     for name in ("thick.yaml", "mine.py", "goals/goals.yaml"):
         (tmp_path / "there" / "own" / name).unlink()
         with pytest.raises(InputError, match=f"there/own/{name}' (cannot be read|does not exist)"):
-            load(path).teaching()
+            agreed(path).teaching()
         (tmp_path / "there" / "own" / name).write_bytes(
             (tmp_path / "here" / "own" / name).read_bytes()
         )
@@ -154,17 +161,17 @@ def test_what_is_given_at_the_command_line_counts_from_the_current_folder(
     project(tmp_path / "here", diameter=20.0)
     monkeypatch.chdir(tmp_path / "here" / "own")
     given = {"pegs": ["thick.yaml"], "reasoners": ["mine.py:Mine"], "goals": "goals/goals.yaml"}
-    planned = load(path, given)
+    planned = agreed(path, given)
     assert {c.task.peg.radius for c in planned.cells} == {0.01}
     assert planned.goals == str(tmp_path / "here" / "own" / "goals" / "goals.yaml")
 
 
 def test_a_project_that_was_moved_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = load(project(tmp_path / "before"))
+    before = agreed(project(tmp_path / "before"))
     assert str(tmp_path) not in json.dumps(before.document)
     (tmp_path / "before").rename(tmp_path / "after")
     monkeypatch.chdir(tmp_path / "after")
-    after = load(Path("experiment.yaml"))
+    after = agreed(Path("experiment.yaml"))
     assert after.fingerprint == before.fingerprint
     assert [s.trial_id for s in after.specs()] == [s.trial_id for s in before.specs()]
 
@@ -239,13 +246,13 @@ def test_the_peg_of_the_goals_is_in_the_fingerprint(tmp_path: Path) -> None:
     )
 
     def planned() -> Experiment:
-        return load(tmp_path / "experiment.yaml")
+        return agreed(tmp_path / "experiment.yaml")
 
     before = planned().fingerprint
     (tmp_path / "own" / "thick.yaml").write_text(
         PEG.format(30).replace("80", "85"), encoding="utf-8"
     )
-    assert planned().document["goals"] != load(project(tmp_path / "other")).document["goals"]
+    assert planned().document["goals"] != agreed(project(tmp_path / "other")).document["goals"]
     assert planned().fingerprint != before
 
 
