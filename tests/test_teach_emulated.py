@@ -141,3 +141,16 @@ def test_what_is_wrong_with_the_arm_is_a_finding(
         emulator.ask("restore")
     assert status == 1
     assert states[fails] == "fail"
+
+
+@pytest.mark.parametrize(("sign", "state"), [(1, "pass"), (-1, "fail")])
+def test_a_force_with_the_wrong_sign_is_found_before_anything_is_pressed(
+    emulator: Admin, tmp_path: Path, sign: int, state: str
+) -> None:
+    settings = configuration_of(HOST)
+    wrist = settings.wrist.model_copy(update={"sign": sign})
+    path = tmp_path / "cell.yaml"
+    save(path, settings.model_copy(update={"wrist": wrist}))
+    status, states = checks(str(path))
+    assert states["wrist sign"] == state
+    assert (status == 0) is (sign == 1)
