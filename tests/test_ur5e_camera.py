@@ -214,7 +214,7 @@ def test_a_recorded_realsense_plays_as_a_live_one(tmp_path: Path) -> None:
 @pytest.mark.system
 @pytest.mark.skipif(find_spec("pyrealsense2") is None, reason="needs the extra 'ur5e'")
 def test_without_a_realsense_the_fault_says_so(tmp_path: Path) -> None:
-    with pytest.raises(RobotFault, match="does not start") as caught:
+    with pytest.raises(RobotFault, match="does not start: none is connected") as caught:
         open_camera(settings(source="realsense"), PATIENCE_S)
     assert caught.value.kind == "camera"
     with pytest.raises(InputError, match="there is no recording"):

@@ -277,6 +277,7 @@ class _RealSense(Source):
             # The formats are the file's: enabling a stream as well makes it refuse to play.
             config.enable_device_from_file(settings.where, repeat_playback=True)
         else:
+            self._find(settings.where)
             if settings.where:
                 config.enable_device(settings.where)
             config.enable_stream(
@@ -297,6 +298,18 @@ class _RealSense(Source):
                     f"the RealSense camera does not take its exposure or white balance ({error}):"
                     " leave them out of the file, and see that its colours stay as they are",
                 ) from error
+
+    def _find(self, serial: str) -> None:
+        """Asked first, since the pipeline waits for a camera for longer than anyone waits for it."""
+        info = self._rs.camera_info.serial_number
+        there = [device.get_info(info) for device in self._rs.context().query_devices()]
+        if not there or (serial and serial not in there):
+            wanted = f"with the serial number '{serial}' " if serial else ""
+            raise RobotFault(
+                "camera",
+                f"the RealSense camera does not start: none {wanted}is connected"
+                f" (connected: {', '.join(there) or 'none'})",
+            )
 
     def _fix(self, sensor: Any, settings: c.Camera) -> None:
         option = self._rs.option
