@@ -21,7 +21,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pliant.experiment import journal
-from pliant.experiment.plan import Experiment, from_fields, load
+from pliant.experiment.cells import Experiment
+from pliant.experiment.plan import from_fields, load
 from pliant.experiment.progress import Silent
 from pliant.experiment.rows import Rows, lost
 from pliant.experiment.runner import run

@@ -21,8 +21,9 @@ from pliant.console import Console
 from pliant.errors import InputError, RobotFault
 from pliant.experiment import journal, labels, results, runner, tables
 from pliant.experiment.attended import Attended
+from pliant.experiment.cells import Experiment
 from pliant.experiment.one import Spec
-from pliant.experiment.plan import Experiment, from_fields
+from pliant.experiment.plan import from_fields
 from pliant.experiment.rows import Row
 from pliant.experiment.runner import Finished
 from pliant.experiment.where import Where

@@ -10,7 +10,8 @@ import pytest
 from pliant import menagerie
 from pliant.errors import InputError
 from pliant.experiment import decides
-from pliant.experiment.plan import Experiment, differences, from_fields
+from pliant.experiment.cells import Experiment, differences
+from pliant.experiment.plan import from_fields
 from pliant.experiment.work import Job, Save, perform_job
 
 

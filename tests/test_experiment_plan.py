@@ -8,7 +8,8 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.experiment import runner
-from pliant.experiment.plan import Experiment, differences, from_fields, load
+from pliant.experiment.cells import Experiment, differences
+from pliant.experiment.plan import from_fields, load
 
 NAMES: dict[str, Any] = {
     "pegs": ["circle", "square"],

@@ -18,9 +18,10 @@ from pliant import store
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import journal, results
+from pliant.experiment.cells import Experiment
 from pliant.experiment.columns import EXECUTIONS, schema
 from pliant.experiment.one import perform
-from pliant.experiment.plan import Experiment, from_fields
+from pliant.experiment.plan import from_fields
 from pliant.experiment.progress import Shown
 from pliant.experiment.rows import Rows, lost, rows_of
 from pliant.experiment.runner import Finished, may_hold, prepare, run

@@ -17,7 +17,8 @@ from pliant.cli import _expanded
 from pliant.commissioning.draft import Draft
 from pliant.errors import InputError
 from pliant.experiment import runner
-from pliant.experiment.plan import Experiment, from_fields, load
+from pliant.experiment.cells import Experiment
+from pliant.experiment.plan import from_fields, load
 from pliant.experiment.rows import Rows, lost
 from pliant.experiment.where import Where
 from pliant.experiment.work import Job

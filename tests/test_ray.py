@@ -21,7 +21,8 @@ from typing import Self
 import pytest
 
 from pliant.experiment import journal, results
-from pliant.experiment.plan import Experiment, from_fields
+from pliant.experiment.cells import Experiment
+from pliant.experiment.plan import from_fields
 from pliant.experiment.rows import Row, Rows
 from pliant.experiment.runner import run
 from pliant.experiment.work import Job, perform_job

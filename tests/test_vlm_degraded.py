@@ -22,6 +22,7 @@ from pliant.experiment.attended import Attended
 from pliant.experiment.bench import run as bench
 from pliant.experiment.bench import table
 from pliant.experiment.bench.cases import SHIPPED, Cases
+from pliant.experiment.cells import Experiment
 from pliant.experiment.progress import Silent
 from pliant.experiment.tables_text import markdown
 from pliant.reasoners import probe
@@ -228,7 +229,7 @@ def test_a_model_that_no_decision_is_asked_of_is_not_probed() -> None:
 # --- many trials ---------------------------------------------------------------------------------
 
 
-def planned(server: Loopback) -> plan.Experiment:
+def planned(server: Loopback) -> Experiment:
     vlm = {"model": "small", "base_url": server.base_url, "picture": False, "recover": "rules"}
     return plan.from_fields(
         {

@@ -346,7 +346,7 @@ _SHAPES: TypeAdapter[_Shape] = TypeAdapter(_Shape)
 
 def _peg_task(document: files.Document, name: str) -> Task:
     document.fields()
-    found = document.checked(_SHAPES)
+    found = files.checked(document, _SHAPES)
     with document.at(("clearance_mm",)):
         hole = Hole(clearance=found.clearance_mm * 1e-3)
     with document.at(("chamfer_mm",)):

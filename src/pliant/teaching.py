@@ -77,7 +77,7 @@ def load(path: Path, limits: Limits | None = None, colours: Colours = SIMULATED)
     """
     document = files.read_yaml(located(path), "goal file", "leave it out to use the shipped goals")
     document.fields()
-    found = document.checked(_FILE)
+    found = files.checked(document, _FILE)
     folder = located(path).parent
     with document.at(("peg",)):
         peg = located_peg(found.peg, folder)

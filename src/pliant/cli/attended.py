@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pliant.cli.cells import opened
 from pliant.errors import InputError
 from pliant.experiment.attended import Attended
-from pliant.experiment.plan import Experiment
+from pliant.experiment.cells import Experiment
 
 
 @contextmanager

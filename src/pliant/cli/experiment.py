@@ -18,8 +18,8 @@ from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import plan, price, runner
+from pliant.experiment.cells import Experiment
 from pliant.experiment.measures import is_undecided
-from pliant.experiment.plan import Experiment
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
 from pliant.experiment.trust import Named, refuse

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from pliant.errors import InputError
-from pliant.experiment.plan import Experiment
+from pliant.experiment.cells import Experiment
 from pliant.paths import located
 from pliant.reasoners import refuse_silent
 from pliant.reasoners.vlm.settings import Settings

@@ -27,9 +27,9 @@ from pliant.cli.ranges import Ranges
 from pliant.console import Lasting, say
 from pliant.errors import InputError
 from pliant.experiment import faults, journal, plan, results, runner
+from pliant.experiment.cells import Experiment
 from pliant.experiment.measures import is_undecided, model_share
 from pliant.experiment.one import Spec, perform
-from pliant.experiment.plan import Experiment
 from pliant.experiment.rows import decided, exchanges, rows_of
 from pliant.experiment.work import attempt
 from pliant.paths import located, shown
@@ -335,6 +335,7 @@ class _Teller:
         during = f" during {trial.aborted.step.formation}" if trial.aborted is not None else ""
         fault = f"{during} ({trial.fault})" if trial.fault else ""
         moves = sum(len(e.outcome.motions) for e in trial.executions)
+        moves += 0 if trial.aborted is None else len(trial.aborted.motions)
         if faults.is_unmeasured(trial.end_reason):
             line = Text("no result", style="bold")
             by = f"{trial.end_reason}{during}: {trial.fault}"

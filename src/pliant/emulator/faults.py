@@ -114,7 +114,7 @@ def load(path: Path) -> list[tuple[float, Fault]]:
         at_s = item.pop("at_s", None)
         if not isinstance(at_s, int | float) or isinstance(at_s, bool) or not 0 <= at_s < 1e6:
             raise document.error((i, "at_s"), f"at_s is {at_s!r}; it must be 0 s or more")
-        scheduled.append((float(at_s), document.part((i,)).checked(_FAULT)))
+        scheduled.append((float(at_s), files.checked(document.part((i,)), _FAULT)))
     return sorted(scheduled, key=lambda pair: pair[0])
 
 

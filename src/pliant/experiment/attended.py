@@ -10,9 +10,9 @@ from pliant import signals, store
 from pliant.cell import Truth, Workcell
 from pliant.errors import InputError, described
 from pliant.experiment import faults
+from pliant.experiment.cells import Experiment
 from pliant.experiment.engine import Ended
 from pliant.experiment.one import INTERRUPTED, Spec, perform
-from pliant.experiment.plan import Experiment
 from pliant.experiment.rows import rows_of
 from pliant.experiment.work import Job, recording
 from pliant.records import Execution, Trial

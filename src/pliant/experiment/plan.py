@@ -1,7 +1,5 @@
-"""Which trials an experiment holds: cells (peg, condition, reasoner), seeds, and their fingerprint.
-
-An experiment comes from a cross product of names, or from a YAML file with the same fields and,
-where the cross product does not do, a list of cells:
+"""An experiment from a cross product of names, or from a YAML file with the same fields and, where
+the cross product does not do, a list of cells:
 
     trials: 30
     cells:
@@ -15,175 +13,32 @@ where the cross product does not do, a list of cells:
 that it names, pegs, reasoners and goals, are looked for from its own folder.
 """
 
-import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pliant import files, teaching
+from pliant import files
 from pliant.conditions import CONDITIONS, Condition, condition
 from pliant.errors import InputError, unknown, within
-from pliant.experiment import decides, oracle
-from pliant.experiment.one import Spec
+from pliant.experiment import oracle
+from pliant.experiment.cells import WHOLE, Cell, Experiment, whole
 from pliant.experiment.trust import Agree, Named, refuse
-from pliant.experiment.where import Where
 from pliant.levels import FIELDS, load_level
 from pliant.methods.named import method
-from pliant.own import located_own, own_file, short_name
+from pliant.own import located_own, own_file
 from pliant.paths import located
 from pliant.reasoners import REASONERS, VLM, reasoner
-from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm import settings as vlm_settings
 from pliant.reasoners.vlm.settings import Settings
-from pliant.records import SCHEMA
-from pliant.task import Task, load_task, located_peg
-from pliant.teaching import Teaching
+from pliant.task import load_task, located_peg
 
-MOST_TRIALS = 1_000_000
-MOST_SEED = 2**32
-_WHOLE = {"trials": (1, MOST_TRIALS), "first_seed": (0, MOST_SEED)}
 T = TypeVar("T")
 
 _BLOCK = {"pegs": "peg", "conditions": "condition", "reasoners": "reasoner"}
 _FIELDS = (*_BLOCK, "level", "method", "cells", "trials", "first_seed", "goals", "vlm")
 _CELL_FIELDS = (*_BLOCK.values(), "level", "method")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """One cell of a table: a task, its level, a condition, and who reasons (as in `Spec`)."""
-
-    task: Task
-    level: str
-    condition: Condition
-    reasoner: str
-    vlm: Settings | None = None
-    method: str = "planar"
-
-    @property
-    def names(self) -> tuple[str, str, str, str]:
-        """(level, peg, condition, reasoner), as in the result's columns."""
-        return self.spec(0).names
-
-    def spec(self, seed: int) -> Spec:
-        return Spec(
-            task=self.task,
-            level=self.level,
-            condition=self.condition,
-            seed=seed,
-            reasoner=self.reasoner,
-            vlm=self.vlm,
-            method=self.method,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Experiment:
-    """Cells of a table times seeds. `goals` is a taught goals file, or None for those of the
-    workcell `where`.
-
-    Raises:
-        InputError: there are no cells, two of them would share their trials' names, a number is
-            out of range, the workcell's file cannot be used, or the workcell cannot do this.
-    """
-
-    cells: tuple[Cell, ...]
-    trials: int = 30
-    first_seed: int = 1
-    goals: str | None = None
-    where: Where = field(default_factory=Where)
-
-    def __post_init__(self) -> None:
-        _whole("trials", self.trials, *_WHOLE["trials"])
-        _whole("first_seed", self.first_seed, *_WHOLE["first_seed"])
-        if not self.cells:
-            raise InputError("the experiment has no cells: give pegs, conditions and reasoners")
-        ids: dict[str, Cell] = {}
-        for cell in self.cells:
-            twin = ids.setdefault(cell.spec(0).trial_id, cell)
-            if twin is not cell:
-                raise InputError(
-                    f"two different cells are both named {', '.join(cell.names)}: rename the peg"
-                    " file, the condition or the reasoner's file of one"
-                )
-        for cell in self.cells:
-            self.where.check(cell.level, cell.condition, cell.reasoner, cell.method)
-
-    def __len__(self) -> int:
-        return len(self.cells) * self.trials
-
-    def specs(self) -> Iterator[Spec]:
-        """All trials in canonical order: by cell as listed, then by seed."""
-        for cell in self.cells:
-            for seed in range(self.first_seed, self.first_seed + self.trials):
-                yield cell.spec(seed)
-
-    def teaching(self) -> Teaching:
-        """Raises InputError when the goals file cannot be used."""
-        goals = self.where.goals if self.goals is None else Path(self.goals)
-        if goals is None:
-            return teaching.shipped()
-        return teaching.load(goals, self.where.limits, self.where.colours)
-
-    @property
-    def models(self) -> list[str]:
-        """The models that are asked, cell by cell."""
-        return [str(c.vlm.model) for c in self.cells if c.vlm is not None]
-
-    def check_models(self) -> None:
-        """Raises InputError when a model is unknown, or its library or key is missing."""
-        for settings in {c.vlm for c in self.cells if c.vlm is not None}:
-            make_vlm(settings)
-
-    @cached_property
-    def document(self) -> dict[str, Any]:
-        """Everything that decides outcomes, as JSON: pegs and conditions in full, content hashes of
-        goals and of a user's own files, and what is installed (`decides`)."""
-        return {
-            "schema": SCHEMA,
-            "trials": self.trials,
-            "first_seed": self.first_seed,
-            "cells": [
-                {
-                    "task": asdict(c.task),
-                    "level": c.level,
-                    "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
-                    "reasoner": c.names[-1],
-                    "reasoner_file": decides.own_file_hash(c.reasoner),
-                    "vlm": None if c.vlm is None else asdict(c.vlm),
-                    "method": short_name(c.method),
-                    "method_file": decides.own_file_hash(c.method),
-                }
-                for c in self.cells
-            ],
-            "cell": self.where.document,
-            "goals": decides.goals(self.teaching()),
-            **decides.installation(models=self.where.kind == "sim", vlm=bool(self.models)),
-        }
-
-    @property
-    def expected(self) -> dict[tuple[str, str], dict[str, Any]]:
-        """What a worker must find installed, by reasoner and method. Nothing where no worker
-        simulates."""
-        if self.where.kind != "sim":
-            return {}
-        return {(c.reasoner, c.method): decides.expected(c.spec(0)) for c in self.cells}
-
-    @property
-    def fingerprint(self) -> str:
-        """Content hash of `document`: an output folder belongs to one fingerprint."""
-        return decides.digest(json.dumps(self.document, sort_keys=True).encode())
-
-
-def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """The fields of two experiments' documents that differ, by name."""
-    return sorted(k for k in {*one, *other} if one.get(k) != other.get(k))
-
-
-# --- from names, from a file -------------------------------------------------------------------
 
 
 def load(
@@ -264,7 +119,7 @@ def _planned(
     for name in ("trials", "first_seed"):
         if name in given and name not in replaced:
             with within(name):
-                _whole(name, given[name], *_WHOLE[name])
+                whole(name, given[name], *WHOLE[name])
     return Experiment(
         cells=tuple(cells),
         trials=options.get("trials", 30),
@@ -467,8 +322,3 @@ def _name(what: str, value: Any) -> str:
     if not isinstance(value, str) or not value:
         raise InputError(f"{what} is {value!r}: it must be a name")
     return value
-
-
-def _whole(name: str, value: Any, least: int, most: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InputError(f"{name} is {value!r}: it must be a whole number from {least} to {most}")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pliant.experiment.plan import Cell, Experiment
+from pliant.experiment.cells import Cell, Experiment
 from pliant.reasoners.vlm.settings import Decider, Detail, Settings
 
 # Measured with a scripted model that answers as the rules do (circle, all, seeds 1 to 8): 8.4

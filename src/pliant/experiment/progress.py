@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from pliant.console import Console
-from pliant.experiment.plan import Experiment
+from pliant.experiment.cells import Experiment
 
 _PLAIN_EVERY_S = 30.0
 _FAULTS_SAID = 20  # different ones; the tables have them all

@@ -19,8 +19,8 @@ from typing import Any
 from pliant import store
 from pliant.errors import InputError
 from pliant.experiment import faults, journal, measures, results
+from pliant.experiment.cells import Experiment, differences
 from pliant.experiment.engine import Ended, Engine, Local, Work
-from pliant.experiment.plan import Experiment, differences
 from pliant.experiment.progress import Silent, Watcher
 from pliant.experiment.rows import Rows, decided, lost
 from pliant.experiment.work import Job, Save, perform_job

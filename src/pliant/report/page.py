@@ -112,7 +112,8 @@ def _model_calls(trial: Trial) -> list[tuple[str, str]]:
 
 def _strip(trial: Trial, media: Sequence[Media]) -> Html:
     if not trial.executions:
-        return tag("p", "No skill was executed.")
+        begun = trial.aborted is not None
+        return tag("p", "No skill ended." if begun else "No skill was executed.")
     snapshots = []
     for execution, file in zip(trial.executions, media, strict=True):
         name, success = str(execution.formation).capitalize(), execution.verdict.success

@@ -300,7 +300,7 @@ class _RealSense(Source):
                 ) from error
 
     def _find(self, serial: str) -> None:
-        """Asked first, since the pipeline waits for a camera for longer than anyone waits for it."""
+        """Asked first: the pipeline waits for a camera for longer than anyone waits for it."""
         info = self._rs.camera_info.serial_number
         there = [device.get_info(info) for device in self._rs.context().query_devices()]
         if not there or (serial and serial not in there):

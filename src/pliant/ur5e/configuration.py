@@ -273,7 +273,7 @@ def load(path: Path) -> Configuration:
 def checked(document: files.Document) -> Configuration:
     """What a cell's file says, with relative paths as they are written. Raises as `load` does."""
     document.fields()
-    return document.checked(_CONFIGURATION)
+    return files.checked(document, _CONFIGURATION)
 
 
 def save(path: Path, configuration: Configuration) -> None:
