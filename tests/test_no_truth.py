@@ -140,6 +140,20 @@ def test_no_case_of_a_trial_tells_its_condition_seed_or_setup(seed: int) -> None
     assert not told(last, NAMES | {"zephyr"}, seed, values)
 
 
+@pytest.mark.parametrize("level", ["L6+", "L8", "wrong_peg", "lying_camera"])
+def test_no_case_of_a_guided_trial_tells_its_level_scenario_seed_or_setup(level: str) -> None:
+    mine = load_level(level).on(replace(condition("all"), name="zephyr"))
+    task = load_task("square", level)
+    method = load_level(level).method
+    spec = Spec(
+        task=task, level=level, condition=mine, seed=612346, reasoner="rules", method=method
+    )
+    values = drawn(mine, mine.draw(612346))
+    assert len(values) >= 9
+    last = cases(spec, 3)[-1]
+    assert not told(last, NAMES | {"zephyr"}, 612346, values)
+
+
 def test_what_is_planted_is_found() -> None:
     mine = replace(condition("all"), name="zephyr")
     spec = Spec(task=load_task("circle"), condition=mine, seed=1, reasoner="rules")
