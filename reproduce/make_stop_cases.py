@@ -16,7 +16,7 @@ that was cut off goes on from there. The same machine makes the same set.
 import argparse
 import hashlib
 import os
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
@@ -125,6 +125,13 @@ def jobs() -> Iterator[Job]:
             yield Job(level=level, peg=peg, seed=seed, way=1)
         strange = STOPS[number % len(STOPS)]
         yield Job(level=level, peg=peg, seed=seed + 5, scenario=strange, way=1)
+    for number, level in enumerate(GUIDED_LEVELS):  # failures that can be mended are rare
+        pegs = load_level(level).pegs
+        for turn in range(3):
+            peg, seed = pegs[(number + turn) % len(pegs)], FIRST_SEED + 2000 + 10 * number + turn
+            yield Job(level=level, peg=peg, seed=seed, way=1)
+        strange = STOPS[(number + 2) % len(STOPS)]
+        yield Job(level=level, peg=peg, seed=seed + 5, scenario=strange, way=1)
     for scenario in STOPS:
         for peg in PEGS:
             for way, (name, _) in enumerate(PLANAR):
@@ -193,13 +200,12 @@ def watch(job: Job) -> list[Question]:
     run = composed(spec, cell.prepare(task, setup), setup, shipped().for_task(task), judge)
     kind = Kind.STRANGE if is_strange else Kind.SOUND
     found: list[Question] = []
-    could_tell = not is_strange
     with closing(iter(run)) as executions:
         for execution in executions:
             case, truth = mind.case, cell.truth()
             assert case is not None, "an execution is judged before it is shown"
             success = succeeded(case, truth)
-            if success or (execution.formation in RECOVERABLE and could_tell):
+            if success or execution.formation in RECOVERABLE:
                 key = Key(
                     kind=kind,
                     formation=execution.formation,
@@ -216,7 +222,6 @@ def watch(job: Job) -> list[Question]:
                 )
                 kept = _compact(case) if is_guided else thinned(case)
                 found.append(Question(name="", case=kept, key=key))
-            could_tell |= not execution.verdict.success or case.outcome.scene.peg is None
             if len(run.history) >= (MOST_EXECUTIONS if is_guided else MOST_PLANAR):
                 break
     went_in = [q.key.truth.inserted is True for q in found]
@@ -309,18 +314,22 @@ def _sort(key: Key) -> str:
     return "success" if key.answer.success else "stop" if key.answer.stop else "go on"
 
 
-def choose(pool: Sequence[Question]) -> list[Question]:
+def choose(pool: Sequence[Question], old: Sequence[Question]) -> list[Question]:
     """Failures in pairs, one where it is right to stop and one where it is right to go on, alike in
-    level, formation and length of history as far as the pool has such; and a success a trial."""
+    level, formation and history as far as the pool has such; and a success a trial. With the
+    paper's skills going on is right in `old` ones."""
     draw = np.random.default_rng(SEED)
     order = [pool[n] for n in draw.permutation(len(pool))]
+    order = [q for q in order if q.key.answer.success or _could_tell(q.case)]
     chosen = _paired(
         [q for q in order if q.case.method.follows_belief and _sort(q.key) == "stop"],
         [q for q in order if _sort(q.key) == "go on"],
     )
-    chosen += _spread(
-        [q for q in order if not q.case.method.follows_belief and _sort(q.key) == "stop"]
+    planar = _paired(
+        [q for q in order if not q.case.method.follows_belief and _sort(q.key) == "stop"],
+        [q for q in old if q.key.answer.steps],
     )
+    chosen += planar[: 2 * PLANAR_STOPS : 2]
     trials: set[tuple[str, int]] = set()
     wanted: Counter[Formation] = Counter()
     for q in sorted(
@@ -335,17 +344,22 @@ def choose(pool: Sequence[Question]) -> list[Question]:
     return chosen
 
 
+def _could_tell(case: Case) -> bool:
+    """Nobody knows that a failure cannot be mended before something else went wrong."""
+    return any(not e.verdict.success or e.outcome.scene.peg is None for e in case.history)
+
+
 def _paired(stops: list[Question], goes_on: list[Question]) -> list[Question]:
     """Pairs from the most alike on: each case once, and few of the same trial."""
     ranked = sorted(
         ((_unlike(a, b), i, j) for i, a in enumerate(stops) for j, b in enumerate(goes_on)),
     )
     used: set[tuple[int, int]] = set()
-    of_trial: Counter[tuple[str, str, int]] = Counter()
+    of_trial: Counter[Origin] = Counter()
     chosen: list[Question] = []
     for unlike, i, j in ranked:
         pair = (stops[i], goes_on[j])
-        places = [(q.key.origin.level, q.key.origin.condition, q.key.origin.seed) for q in pair]
+        places = [replace(q.key.origin, index=0) for q in pair]
         if unlike > MOST_UNLIKE or (0, i) in used or (1, j) in used:
             continue
         if any(of_trial[place] >= OF_A_TRIAL for place in places):
@@ -357,38 +371,25 @@ def _paired(stops: list[Question], goes_on: list[Question]) -> list[Question]:
 
 
 MOST_UNLIKE = 4.0
+PLANAR_STOPS = 72
 
 
 def _unlike(a: Question, b: Question) -> float:
     same_level = a.key.origin.level == b.key.origin.level
     same_hole = a.case.task.hole == b.case.task.hole and a.case.task.depth == b.case.task.depth
     apart = abs(len(a.case.history) - len(b.case.history))
+    failed = abs(_failures(a.case) - _failures(b.case))
     return (
         3.0 * (a.key.formation is not b.key.formation)
         + (0.0 if same_level else 1.0 if same_hole else 2.0)
         + 0.5 * apart
+        + 1.0 * failed
         + 0.25 * (a.key.origin.peg != b.key.origin.peg)
     )
 
 
-PLANAR_OF = {Formation.FIT: 16, Formation.ALIGN: 10, Formation.INSERTION: 10}
-
-
-def _spread(stops: list[Question]) -> list[Question]:
-    """Of the paper's skills: as the failures that can be mended are spread, and over scenarios."""
-    chosen: list[Question] = []
-    for formation, most in PLANAR_OF.items():
-        groups: dict[tuple[str, str], list[Question]] = defaultdict(list)
-        for q in stops:
-            if q.key.formation is formation:
-                groups[q.key.origin.condition, q.key.origin.peg].append(q)
-        queues = [groups[name] for name in sorted(groups)]
-        while any(queues) and most:
-            for queue in queues:
-                if queue and most:
-                    chosen.append(queue.pop())
-                    most -= 1
-    return chosen
+def _failures(case: Case) -> int:
+    return sum(not e.verdict.success for e in case.history)
 
 
 def _place(question: Question) -> str:
@@ -417,7 +418,7 @@ def main() -> None:
             pool += list(cases)
             _ENCODED.update(cases.pictures())
     old = [q for q in Cases(given.set) if q.key.kind not in (Kind.STRANGE, Kind.SOUND)]
-    chosen = choose(pool)
+    chosen = choose(pool, old)
     write(given.set, sorted([*old, *chosen], key=_place), encoded=_ENCODED)
     made = Cases(given.set)
     size = given.set.stat().st_size

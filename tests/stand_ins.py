@@ -210,12 +210,15 @@ class ScriptedRobot:
 
     `fault` names a call and at which of its uses it breaks: ("observe", 2).
     `blocked_below` is a height [m] under which every motion ends by compression; `answer` is how
-    its wrist answers in every motion.
+    its wrist answers in every motion. `readings` are the compressions [m] that it reads at rest, in
+    order, each known to a standard deviation of `sd_m`; then there is none.
     """
 
     fault: tuple[str, int] | None = None
     blocked_below: float = -math.inf
     answer: Answer | None = ANSWERS
+    readings: Sequence[float] = ()
+    sd_m: float = 0.0
     pose: Pose = Pose(z=0.244)
     calls: list[str] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
@@ -259,11 +262,13 @@ class ScriptedRobot:
         self._called("observe")
         image = np.zeros((480, 640, 3), np.uint8)
         view = View(camera=side_camera(), time_s=self.waited_s, image=image)
+        used = self.calls.count("observe") - 1
         return Observation(
             time_s=self.waited_s,
             pose=self.pose,
-            compression_m=0.0,
+            compression_m=self.readings[used] if used < len(self.readings) else 0.0,
             views=dict.fromkeys(cameras, view),
+            compression_sd_m=self.sd_m,
         )
 
     def halt(self) -> None:

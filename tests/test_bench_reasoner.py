@@ -3,7 +3,7 @@
 import json
 import zipfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ SET = Cases(SHIPPED)
 
 def test_the_set_that_ships_is_the_frozen_one() -> None:
     assert SET.hash == SHIPPED_HASH
-    assert SHIPPED.stat().st_size < 9e6
+    assert SHIPPED.stat().st_size < 13e6
 
 
 def test_the_set_holds_every_sort_of_case_and_is_balanced() -> None:
@@ -57,13 +57,14 @@ def test_the_set_holds_every_sort_of_case_and_is_balanced() -> None:
     successes = sum(key.answer.success for key in keys)
     assert 0.4 <= successes / len(keys) <= 0.6
     pegs = Counter(key.origin.peg for key in keys)
-    assert set(pegs) == {"circle", "square", "rectangle"}
-    assert max(pegs.values()) <= 1.3 * min(pegs.values())
+    of_the_paper = [pegs.pop(name) for name in ("circle", "square", "rectangle")]
+    assert max(of_the_paper) <= 1.3 * min(of_the_paper)
+    assert pegs.total() <= 0.1 * len(keys)
     for formation in RECOVERABLE:
         for success in (True, False):
             n = sum(k.formation is formation and k.answer.success is success for k in keys)
             assert n >= 40, f"{formation} {success}"
-    for kind in set(Kind) - {Kind.SOUND}:
+    for kind in Kind:
         assert sum(key.kind is kind for key in keys) >= 30, kind
     right = Counter(
         (k.formation, k.answer.steps[0].formation, k.answer.steps[0].retreat)
@@ -137,10 +138,11 @@ class Knows:
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
         assert not verdict.success
         right = self.key.answer.steps
+        if self.key.answer.stop or self.key.answer.go_on:
+            stops = self.key.answer.stop is not self.inverted
+            return recovery_of() if stops else recovery_of(case.goals.step(Formation.INSERTION))
         if not self.inverted:
             return recovery_of(*right)
-        if self.key.answer.stop:
-            return recovery_of(case.goals.step(Formation.INSERTION))
         first = right[0]
         axis = OWNED[first.formation][0]
         before = case.goals.formations[first.formation][axis]
@@ -249,18 +251,52 @@ def test_stopping_is_scored_apart_from_planning() -> None:
     assert scored["plan_valid"]["n"] == 3
 
 
-def test_strange_cases_are_failures_that_a_reasoner_could_see_coming() -> None:
-    strange = [q for q in SET if q.key.kind is Kind.STRANGE]
-    assert {q.key.origin.condition for q in strange} == {
+def test_stop_cases_are_failures_that_a_reasoner_could_see_coming() -> None:
+    stops = [q for q in SET if q.key.answer.stop]
+    assert {q.key.origin.condition for q in stops} == {
         level.name for level in shipped_levels().values() if level.right == STOP
-    }
-    for question in strange:
-        assert question.key.answer == Answer(success=False, stop=True)
+    } - {"dead_sensor"}, "a dead sensor is the arm's fault to find: no reasoner is asked"
+    goes_on = [q for q in SET if q.key.kind is Kind.SOUND and not q.key.answer.success]
+    assert all(q.key.answer == Answer(success=False, stop=True) for q in stops)
+    assert all(q.key.answer == Answer(success=False, go_on=True) for q in goes_on)
+    for question in (*stops, *goes_on):
         assert any(
             not e.verdict.success or e.outcome.scene.peg is None for e in question.case.history
         )
-        assert set(question.case.outcome.looks[-1].observation.views) == {"side", "front"}
-        assert question.case.method.name == "guided"
+
+
+WITHOUT_EVIDENCE: dict[str, Callable[[Question], Any]] = {
+    "method": lambda q: q.case.method.name,
+    "peg": lambda q: q.case.task.peg.name,
+    "hole": lambda q: q.case.task.hole,
+    "depth": lambda q: q.case.task.depth,
+    "formation": lambda q: q.key.formation,
+    "executions before": lambda q: len(q.case.history),
+    "failures before": lambda q: sum(not e.verdict.success for e in q.case.history),
+    "looks": lambda q: len(q.case.outcome.looks),
+    "cameras": lambda q: set(q.case.outcome.looks[-1].observation.views),
+    "place in the set": lambda q: int(q.name) // 100,
+}
+
+
+@pytest.mark.parametrize("told_by", WITHOUT_EVIDENCE)
+def test_nothing_but_the_evidence_tells_whether_it_is_right_to_stop(told_by: str) -> None:
+    """The best guess from one thing that is no evidence, in balanced accuracy: 50 % is blind."""
+    failures = [q for q in SET if not q.key.answer.success]
+    guided = [q for q in failures if q.case.method.follows_belief]
+    assert guided_by(failures, told_by) <= 0.65
+    assert guided_by(guided, told_by) <= 0.62
+
+
+def guided_by(failures: list[Question], name: str) -> float:
+    sides = {
+        stop: Counter(str(WITHOUT_EVIDENCE[name](q)) for q in failures if q.key.answer.stop is stop)
+        for stop in (True, False)
+    }
+    stops, goes_on = (counts.total() for counts in (sides[True], sides[False]))
+    values = {*sides[True], *sides[False]}
+    right = sum(max(sides[True][v] / stops, sides[False][v] / goes_on) for v in values)
+    return right / 2
 
 
 def test_what_another_answered_in_its_place_is_not_its_own() -> None:

@@ -211,3 +211,32 @@ def test_an_arm_that_is_lower_already_is_not_lifted_by_it() -> None:
     guarded.descent = Descent(surface_z=0.0, hang_m=HANG_M, depth_m=0.010)
     guarded.move_to(Pose(z=0.140), speed_m_s=0.02, stop_at_compression_m=0.004)
     assert robot.poses[-1].z == 0.150
+
+
+@pytest.mark.parametrize(
+    ("readings", "looks", "felt"),
+    [
+        ((0.0063,), 1, True),  # sure at once
+        ((0.0031, 0.0022, 0.0058), 3, True),  # noise hid it at first
+        ((0.0031, 0.0005), 2, False),  # noise feigned it
+        ((0.0015,), 1, False),
+        ((0.0022,) * 9, 4, True),
+        ((0.0021, 0.002, 0.0019), 3, False),
+    ],
+)
+def test_what_noise_hides_at_rest_is_read_again(
+    readings: tuple[float, ...], looks: int, felt: bool
+) -> None:
+    robot = ScriptedRobot(readings=readings, sd_m=0.001)
+    guarded = Guarded(robot, LIMITS)
+    guarded.observe(())
+    assert guarded.has_answered is felt
+    assert robot.calls.count("observe") == looks
+
+
+def test_a_wrist_that_has_answered_is_not_read_again() -> None:
+    robot = ScriptedRobot(readings=(0.0031, 0.0031), sd_m=0.001)
+    guarded = Guarded(robot, LIMITS)
+    guarded.has_answered = True
+    guarded.observe(())
+    assert robot.calls == ["observe"]

@@ -226,11 +226,17 @@ class Watch:
         return pressed or stretched
 
 
-def is_felt(compression_m: float, sd_m: float) -> bool:
-    """Whether a noisy reading at rest, which is known to a standard deviation of `sd_m`, shows that
-    the wrist is felt to be pressed. Noise may hide by how much it answers, not that it does; of a
-    reading without noise more is asked."""
-    return sd_m >= _NOISY_M and compression_m > max(_FELT_M, _FELT_DEVIATIONS * sd_m)
+def is_felt(compression_m: float, sd_m: float, readings: int = 1) -> bool:
+    """Whether a noisy wrist at rest, of which one reading is known to a standard deviation of
+    `sd_m` and the mean of `readings` is `compression_m`, is felt to be pressed. Noise may hide by
+    how much it answers, not that it does; of a wrist without noise more is asked."""
+    is_sure = compression_m > _FELT_DEVIATIONS * sd_m / math.sqrt(readings)
+    return is_sure and may_be_felt(compression_m, sd_m)
+
+
+def may_be_felt(compression_m: float, sd_m: float) -> bool:
+    """Whether more readings could show that the wrist is felt to be pressed."""
+    return sd_m >= _NOISY_M and compression_m > _FELT_M
 
 
 def is_straight(start: Pose, goal: Pose) -> bool:

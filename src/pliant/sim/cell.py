@@ -30,8 +30,9 @@ _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
 _CONTROLS_PER_FRAME = 4  # of the trajectory: 25 Hz
 _UNLOADING = 0.00005  # [m] past the limit already, a motion may not press further than this
-# Of a pose that counts as reached; in healthy trials the servos gave way by 4.5 mm and 0.9 deg.
-_NEAR_M, _NEAR_RAD = 0.010, math.radians(3.0)
+# Of a pose that counts as reached: where the board is shoved while the peg is in it the servos give
+# way by up to 20 mm and 6.3 deg, and recover; wedged for good they were 46 mm and 24 deg off.
+_NEAR_M, _NEAR_RAD = 0.025, math.radians(10.0)
 _STREAM_TOLERANCE = 1e-5  # [m, rad] of a set point in a stream: it takes one iteration
 _HANG_S, _HANG_DAMPING = 1.0, 30.0  # before a trial: damped, so that it starts at rest
 

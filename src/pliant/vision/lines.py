@@ -106,6 +106,8 @@ def fit_pair(points: list[Step], width: float, most_slope: float) -> Pair | None
     if abs(right - left - width) > 1.0 + STRETCH * width:
         return None
     kept = used > 0
+    if np.linalg.matrix_rank(matrix[kept]) < matrix.shape[1]:  # the last step left too few
+        return None
     noise = max(0.1, float(np.sqrt(np.mean(off[kept] ** 2))))
     covariance = np.linalg.inv(matrix[kept].T @ matrix[kept]) * noise**2
     return Pair(
