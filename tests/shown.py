@@ -294,7 +294,13 @@ PAGES: Mapping[str, Page] = {
         }
     ),
     "docs/how-to/cell.md": Page(
-        blocks={"python 1": Comes(says=("^inserted True$",), then=is_inserted)}
+        blocks={
+            "pliant run --cell noisy.py:NoisyCell": Comes(says=INSERTED),
+            "pliant experiment --cell noisy.py:NoisyCell --trials 20 --out runs/noisy": Comes(
+                less="--trials 1", says=(r"\| circle \| all \| rules \| 1 \| 100\.0",)
+            ),
+            "noisy.py": Comes(),
+        }
     ),
     "docs/how-to/experiments.md": Page(
         blocks={

@@ -34,6 +34,16 @@ PRINTS = {
         "shipped colours: stopped .* 3 of them unseen",
         "learned: inserted .* 0 of them",
     ),
+    "11_your_own_check": (
+        "^align: .* vote True; conflict: compression, pose, springs_back disagreed$",
+        "^align: .* vote True; conflict: None$",
+    ),
+    "12_your_own_method": (
+        r"^inserted by 12_your_own_method.py:TwoStages$",
+        r"^tip -1\d\.\d mm$",
+        r"^tip -24\.\d mm$",
+    ),
+    "13_your_own_cell": ("^sim: inserted", "^out_of_focus: inserted, inserted True"),
 }
 
 

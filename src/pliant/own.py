@@ -1,4 +1,4 @@
-"""What a user brings of their own, a reasoner or a method: a class in a file, by the name
+"""What a user brings of their own, a reasoner, a method or a cell: a class in a file, by the name
 `path/to/file.py:Class`."""
 
 import importlib.util

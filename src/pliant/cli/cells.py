@@ -5,7 +5,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from pliant.cell import Workcell
+from pliant.errors import InputError
 from pliant.experiment.where import Where
+from pliant.own import located_own, own_file
 from pliant.paths import located
 
 if TYPE_CHECKING:
@@ -16,10 +18,28 @@ def where(cell: str) -> Where:
     """The cell that `--cell` names: sim, or the path of a cell's file.
 
     Raises:
-        InputError: the file cannot be used.
+        InputError: the file cannot be used, or it is a cell of the user's own.
     """
+    if own_file(cell) is not None:
+        raise InputError(
+            f"--cell {cell}: a cell of your own is for run and experiment; give sim, or the path of"
+            " a cell's file (.yaml)"
+        )
     chosen = Where(file=None if cell == "sim" else located(cell))
     _ = chosen.configuration  # refuses before anything else is done
+    return chosen
+
+
+def where_trials_are(cell: str) -> Where:
+    """The cell that `--cell` names for trials: as `where`, or `file.py:Class`.
+
+    Raises:
+        InputError: the file or the class cannot be used.
+    """
+    if own_file(cell) is None:
+        return where(cell)
+    chosen = Where(own=located_own(cell))
+    _ = chosen.kind  # refuses before anything else is done
     return chosen
 
 

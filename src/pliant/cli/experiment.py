@@ -11,7 +11,7 @@ import tyro
 from rich.prompt import Confirm
 
 from pliant.cli.attended import attended
-from pliant.cli.cells import where
+from pliant.cli.cells import where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.cli.tables import made_of
@@ -66,8 +66,8 @@ def experiment(
         method: planar (the paper's), guided, also without some of its mechanisms (guided-ease), or
             your own (path/to/file.py:Class); default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
-        cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
-            and asked how each trial went.
+        cell: sim, the path of a cell's file (.yaml), or your own as path/to/file.py:Class. At a
+            real cell you are told what to place, and asked how each trial went.
         out: the result folder.
         workers: processes; default one per core. Simulated cell only, as are the next three.
         ray: address of a Ray cluster to run on instead.
@@ -101,8 +101,8 @@ def experiment(
         if level in (None, "L0"):
             default["pegs"] = ["circle"]
         planned = plan.from_fields(default, overrides)
-    planned = replace(planned, where=where(cell))
-    is_simulated = planned.where.file is None
+    planned = replace(planned, where=where_trials_are(cell))
+    is_simulated = planned.where.is_simulated
     if not is_simulated and (workers, ray) != (None, None):
         raise InputError("--workers and --ray are for the simulated cell: leave them out")
     model.check(planned)

@@ -21,7 +21,7 @@ from pliant import store
 from pliant.cell import Truth
 from pliant.cli import rehearse
 from pliant.cli.attended import attended
-from pliant.cli.cells import where
+from pliant.cli.cells import where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.console import Lasting, say
@@ -79,8 +79,8 @@ def run(
         method: planar (the paper's), guided, also without some of its mechanisms (guided-ease), or
             your own (path/to/file.py:Class); default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
-        cell: sim, or the path of a cell's file (.yaml). At a real cell you are told what to place,
-            and asked how it went.
+        cell: sim, the path of a cell's file (.yaml), or your own as path/to/file.py:Class. At a
+            real cell you are told what to place, and asked how it went.
         out: the result folder; default runs/ and the trial's name.
         video: also draw the whole trial as an MP4, afterwards; simulated cell only.
         json: print one line of JSON with the columns of trials.parquet, and nothing else.
@@ -102,8 +102,8 @@ def run(
         "goals": None if goals is None else str(goals),
         "vlm": model.given,
     }
-    experiment = replace(plan.from_fields(fields), where=where(cell))
-    is_simulated = experiment.where.file is None
+    experiment = replace(plan.from_fields(fields), where=where_trials_are(cell))
+    is_simulated = experiment.where.is_simulated
     if live and not is_simulated:
         raise InputError("--live shows the simulated cell: leave it out, or --cell")
     model.check(experiment)

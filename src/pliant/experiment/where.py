@@ -1,4 +1,5 @@
-"""Where trials take place: in the simulated cell, or in the one that a file describes."""
+"""Where trials take place: in the simulated cell, in the one that a file describes, or in one of a
+user's own."""
 
 import hashlib
 import json
@@ -11,14 +12,16 @@ from pliant.cell import Workcell
 from pliant.conditions import Condition
 from pliant.envelope import Limits
 from pliant.errors import InputError
-from pliant.experiment import oracle
+from pliant.experiment import decides, oracle
 from pliant.methods.named import method
+from pliant.own import make_own
 from pliant.ur5e import configuration as ur5e
 from pliant.vision.measure import SIMULATED, Colours
 
 if TYPE_CHECKING:
     from pliant.ur5e.cell import Operator
 
+_NEEDS = ("kind", "prepare", "truth")
 _OTHERS = {
     "ur5e": ("a real cell", ("hole_y", "grasp_roll")),
     "emulator": ("an emulated cell", ("hole_y", "grasp_roll", "friction")),
@@ -28,21 +31,38 @@ _OTHERS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Where:
-    """A cell by its file, or without one the simulated cell.
+    """A cell by its file, or of a user's own as `file.py:Class`, or without either the simulated
+    cell.
 
-    Its properties raise InputError when the file cannot be used.
+    Its properties raise InputError when the file or the class cannot be used.
     """
 
     file: Path | None = None
+    own: str | None = None
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it is the simulated cell that ships, of which there can be many."""
+        return self.file is None and self.own is None
+
+    @cached_property
+    def _made(self) -> Workcell | None:
+        """The user's own cell, made once."""
+        if self.own is None:
+            return None
+        made: Workcell = make_own("cell", self.own, _NEEDS, "pliant.cell.Workcell")
+        return made
 
     @cached_property
     def configuration(self) -> ur5e.Configuration | None:
-        """The file's content; None: the simulated cell."""
+        """The file's content; None: there is no file."""
         return None if self.file is None else ur5e.load(self.file)
 
     @property
     def kind(self) -> str:
-        """As results name it: "sim", "ur5e" or "emulator"."""
+        """As results name it: "sim", "ur5e", "emulator", or what a user's own calls itself."""
+        if self._made is not None:
+            return self._made.kind
         return "sim" if self.configuration is None else self.configuration.kind
 
     @property
@@ -73,7 +93,9 @@ class Where:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Its kind, and a content hash of its configuration."""
+        """Its kind, and a content hash of its configuration or of the user's file."""
+        if self.own is not None:
+            return {"kind": self.kind, "configuration": decides.own_file_hash(self.own)}
         if self.configuration is None:
             return {"kind": self.kind, "configuration": None}
         content = self.configuration.model_dump(mode="json", exclude={"goals"})
@@ -86,12 +108,12 @@ class Where:
     def check(self, level: str, condition: Condition, reasoner: str, by: str) -> None:
         """Whether trials of this kind can be had here. A person sets one place and one angle, sees
         through one camera and does not know the whole truth; an emulated cell does as much, with
-        the paper's friction besides.
+        the paper's friction besides. What a user's own cell can do, it says itself.
 
         Raises:
             InputError: they cannot.
         """
-        if self.kind == "sim":
+        if self.configuration is None:
             return
         cell, known = _OTHERS[self.kind]
         foreign = [name for name in condition.ranges if name not in known]
@@ -117,6 +139,8 @@ class Where:
         Raises:
             InputError: it cannot be used.
         """
+        if self._made is not None:
+            return self._made
         if self.configuration is None:
             from pliant.sim.cell import SimCell
 
