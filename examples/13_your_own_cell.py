@@ -42,8 +42,7 @@ class Blurred:
     def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
         seen: Observation = self._robot.observe(cameras)
         views = {
-            name: replace(view, image=blurred(view.image))
-            for name, view in seen.views.items()
+            name: replace(view, image=blurred(view.image)) for name, view in seen.views.items()
         }
         return replace(seen, views=views)
 

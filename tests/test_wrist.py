@@ -147,8 +147,14 @@ def test_a_press_that_reads_as_stretching_has_the_wrong_sign() -> None:
 
 
 def test_a_jump_that_no_wrist_could_make_is_found() -> None:
-    assert "jumps by -16.0 mm" in doubt(0.008, -0.008)
-    pressing(0.008, -0.008, noise=0.002, toward=UP)
+    assert "jumped by -16.0 mm at once" in doubt(0.008, -0.008, -0.008)
+    assert "jumped by -20.0 mm at once" in doubt(0.008, -0.009, -0.012)
+    pressing(0.008, -0.008, -0.0081, noise=0.002, toward=UP)
+
+
+def test_a_blow_to_a_held_peg_swings_back_and_is_no_jump() -> None:
+    pressing(0.004, 0.021, 0.006, 0.0061, 0.006)
+    pressing(0.0, -0.017, -0.001, 0.0, toward=UP)
 
 
 def test_a_wrist_that_does_not_hang_where_it_hung_is_not_tared() -> None:

@@ -43,7 +43,9 @@ _ALONG_M = 0.00002  # a motion that goes less along the wrist's axis neither pre
 _PULLED_M = 0.003  # read as stretching while it is pressed: the sign is wrong; healthy: 1.2 mm
 _PULLED_S = 0.2  # for so long: not a swing after a blow
 _FROZEN_S = 0.2  # of a motion without any change of the reading: a true one trembles
-_JUMP_M = 0.015  # from one reading to the next; a blow to a held peg: 9 mm in 10 ms
+_JUMP_M = (
+    0.015  # from one reading to the next, that does not come back: a blow does, within _OVER_S
+)
 _DEVIATIONS = 8.0  # of a reading's noise, which is no jump
 
 
@@ -114,6 +116,7 @@ class Watch:
         """Begin anew: a trial, with a wrist that hangs freely."""
         self.load = Load()
         self.last: Reading | None = None
+        self._jumped: tuple[float, float] | None = None  # from where, when
         self._within_s = self._changed_s = self._pushed_s = -math.inf  # when it was last so
         self._toward_m: float | None = None  # of the motion under way
         self._stop_at_m = self.limit_m
@@ -133,7 +136,7 @@ class Watch:
         off_m = hangs_m - self._hung_m
         if not abs(off_m) <= LOADED_M:
             raise RobotFault("loaded", f"not tared: {_in_words(off_m)}, and does not hang freely")
-        self.last = None  # what is read jumps by what was tared
+        self.last = self._jumped = None  # what is read jumps by what was tared
 
     def read(self, reading: Reading) -> None:
         """Take a reading.
@@ -153,10 +156,8 @@ class Watch:
                 f"{_in_words(filtered)}, past its limit of {self.limit_m * 1e3:g} mm: free the peg"
                 " by hand",
             )
-        jump = reading.read_m - before.read_m
-        if abs(jump) > _JUMP_M + _DEVIATIONS * reading.noise_m:
-            raise _doubt(f"it jumps by {jump * 1e3:+.1f} mm from one reading to the next")
-        if self._toward_m is None or before is reading or jump != 0.0:
+        self._see_jumps(before, reading)
+        if self._toward_m is None or before is reading or reading.read_m != before.read_m:
             self._changed_s = reading.time_s
         elif reading.time_s > self._changed_s + _FROZEN_S:
             raise _doubt(f"it reads {reading.read_m * 1e3:.2f} mm for a whole motion")
@@ -171,6 +172,20 @@ class Watch:
                     f"it reads {pulled * 1e3:.1f} mm of stretching while the wrist is pressed: is"
                     " its sign right?"
                 )
+
+    def _see_jumps(self, before: Reading, reading: Reading) -> None:
+        """A blow to a held peg makes the reading jump, too, but swings back."""
+        most_m = _JUMP_M + _DEVIATIONS * reading.noise_m
+        if self._jumped is None and abs(reading.read_m - before.read_m) > most_m:
+            self._jumped = before.read_m, reading.time_s
+        if self._jumped is None:
+            return
+        from_m, at_s = self._jumped
+        off_m = reading.read_m - from_m
+        if abs(off_m) <= most_m:
+            self._jumped = None
+        elif reading.time_s > at_s + _OVER_S:
+            raise _doubt(f"it jumped by {off_m * 1e3:+.1f} mm at once and has not come back")
 
     def begin(self, compression_m: float, toward_m: float, stop_at_m: float) -> bool:
         """Whether a motion may begin that goes `toward_m` along the wrist's axis, above 0 toward
