@@ -38,7 +38,8 @@ class ModelOptions:
         return {k: v for k, v in asdict(self.vlm).items() if v != default[k]}
 
     def placed(self) -> "ModelOptions":
-        """The same with absolute paths: a reasoner of one's own may change the current folder."""
+        """The same options with absolute paths: a reasoner of one's own may change the current
+        folder."""
         record, replay = (p and located(p) for p in (self.record, self.replay))
         return replace(self, record=record, replay=replay)
 

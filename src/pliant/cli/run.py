@@ -183,7 +183,7 @@ def _simulated(
 def _attended(
     experiment: Experiment, spec: Spec, folder: Path, teller: "_Teller", model: ModelOptions
 ) -> Trial:
-    """In a real or an emulated cell, where no two trials are the same."""
+    """Run the trial in a real or an emulated cell, where no two trials are the same."""
     with attended(experiment, one_trial=True) as engine, _opened(experiment, folder) as book:
         if any(not entry.fault for entry in journal.scan(book.path)):
             raise InputError(f"'{folder}' holds this trial already: choose another folder (--out)")
@@ -268,7 +268,7 @@ def _watch(cell: "SimCell") -> None:
 
 @dataclass(frozen=True)
 class _Teller:
-    """Says what happens, a line per skill, and what was thought about a failure."""
+    """Tell what happens in a trial, a line per skill, and what was thought about a failure."""
 
     console: Lasting
     told: list[Execution] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What `pliant teach` shows: formations, pose, what the picture measures, the picture itself in
+"""The screen of `pliant teach`: formations, pose, what the picture measures, the picture itself in
 half blocks, and the keys. It fits 80 columns by 24 rows, and grows with the terminal."""
 
 import math
@@ -128,7 +128,7 @@ def _seen(scene: Scene) -> Text:
 
 
 def _tenth(value: float) -> str:
-    """To one decimal, without a minus before zero."""
+    """A number to one decimal, without a minus before zero."""
     return f"{round(value, 1) + 0.0:.1f}"
 
 
