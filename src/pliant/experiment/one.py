@@ -28,15 +28,15 @@ from pliant.trial import Patience, Run
 from pliant.vision.measure import SIMULATED, Colours
 
 INTERRUPTED = "fault:interrupted"
-"""How a trial ends that the person stops."""
+"""The end reason of a trial that the person stops."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`, a
-    user's file with its folder; with `vlm` it is what this model with these settings is called.
-    `method` is a name of `methods`, or a user's file likewise. `level` is the rung or the scenario
-    that the task's hole and depth are of.
+    """A trial's specification: everything that decides its outcome. `reasoner` is a name of
+    `reasoners`, a user's file with its folder; with `vlm` it is what this model with these settings
+    is called. `method` is a name of `methods`, or a user's file likewise. `level` is the rung or
+    the scenario that the task's hole and depth are of.
 
     Raises:
         InputError: no level has that name, or the task is on another.
@@ -112,8 +112,8 @@ def run(
     reasoner: str = "rules",
     cell: Workcell | None = None,
 ) -> Trial:
-    """One insertion, from its names, as `pliant run` does it. `cell` None: a simulated cell; one
-    that is given to several trials is compiled once.
+    """Run one insertion, from its names, as `pliant run` does it. `cell` None: a simulated cell;
+    one that is given to several trials is compiled once.
 
     Raises:
         InputError: a name is unknown, or a file that it says cannot be used.

@@ -1,4 +1,4 @@
-"""Where trials take place: in the simulated cell, or in the one that a file describes."""
+"""The place of an experiment's trials: the simulated cell, or the one that a file describes."""
 
 import hashlib
 import json
@@ -23,12 +23,12 @@ _OTHERS = {
     "ur5e": ("a real cell", ("hole_y", "grasp_roll")),
     "emulator": ("an emulated cell", ("hole_y", "grasp_roll", "friction")),
 }
-"""The other cells by their kind: in words, and the quantities that can be set there."""
+"""The cells that are not simulated, by kind: in words, and the quantities that can be set there."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Where:
-    """A cell by its file, or without one the simulated cell.
+    """The cell that a file describes, or without a file the simulated cell.
 
     Its properties raise InputError when the file cannot be used.
     """
@@ -42,12 +42,12 @@ class Where:
 
     @property
     def kind(self) -> str:
-        """As results name it: "sim", "ur5e" or "emulator"."""
+        """The kind of cell as results name it: "sim", "ur5e" or "emulator"."""
         return "sim" if self.configuration is None else self.configuration.kind
 
     @property
     def limits(self) -> Limits:
-        """The envelope of every motion."""
+        """The envelope of every motion in the cell."""
         given = self.configuration
         if given is None:
             return Limits()
@@ -62,18 +62,18 @@ class Where:
 
     @property
     def colours(self) -> Colours:
-        """How peg and block look in its pictures."""
+        """The colours of peg and block in the cell's pictures."""
         given = None if self.configuration is None else self.configuration.colours
         return SIMULATED if given is None else Colours(peg=given.peg, block=given.block)
 
     @property
     def goals(self) -> Path | None:
-        """The goals that were taught in it; None: the shipped ones."""
+        """The file of the goals that were taught in the cell; None: the shipped ones."""
         return None if self.configuration is None else self.configuration.goals
 
     @property
     def document(self) -> dict[str, Any]:
-        """Its kind, and a content hash of its configuration."""
+        """The cell's kind, and a content hash of its configuration."""
         if self.configuration is None:
             return {"kind": self.kind, "configuration": None}
         content = self.configuration.model_dump(mode="json", exclude={"goals"})
@@ -84,9 +84,9 @@ class Where:
         return {"kind": self.kind, "configuration": hashlib.sha256(text.encode()).hexdigest()}
 
     def check(self, level: str, condition: Condition, reasoner: str, by: str) -> None:
-        """Whether trials of this kind can be had here. A person sets one place and one angle, sees
-        through one camera and does not know the whole truth; an emulated cell does as much, with
-        the paper's friction besides.
+        """Check that trials of this kind can be had in this cell. A person sets one place and one
+        angle, sees through one camera and does not know the whole truth; an emulated cell does as
+        much, with the paper's friction besides.
 
         Raises:
             InputError: they cannot.
@@ -112,7 +112,7 @@ class Where:
             raise InputError(f"the oracle plans from the whole truth, which {cell} does not tell")
 
     def open(self, operator: "Operator | None" = None) -> Workcell:
-        """The cell itself. A real one needs an operator.
+        """Make the workcell itself. A real one needs an operator.
 
         Raises:
             InputError: it cannot be used.
