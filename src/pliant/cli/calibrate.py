@@ -35,7 +35,7 @@ _MOST_COLUMNS = 96  # columns of the picture in a terminal, at most
 
 
 class _Refused(PliantError):
-    """A calibration is too poor to be used."""
+    """The error that a calibration is too poor to be used."""
 
 
 def calibrate(

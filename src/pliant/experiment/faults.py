@@ -60,7 +60,7 @@ def by_text(trials: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 class ReasonerFault(PliantError):
-    """A reasoner raised something, or answered what is no answer."""
+    """The error that a reasoner raised something, or answered what is no answer."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -102,7 +102,7 @@ def rows_at(path: Path, offsets: Iterator[int]) -> Iterator[Rows]:
 
 
 class Busy(InputError):
-    """An error: another process is writing to the journal."""
+    """The error that another process is writing to the journal."""
 
 
 class Journal:

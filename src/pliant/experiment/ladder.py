@@ -16,8 +16,8 @@ _Key = tuple[str, str, str]  # level, method, reasoner
 
 
 def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
-    """A row per level: success, wrong verdicts, motions and simulated time; empty for the paper's
-    grid with the paper's method, which Table II shows."""
+    """A row per level, skill set and reasoner: success, wrong verdicts, motions and simulated time;
+    empty for the paper's grid with the paper's method, which Table II shows."""
     groups = [(k, g) for k, g in _groups(trials) if not _is_scenario(k[0])]
     papers = (PAPERS_LEVEL, shipped_levels()[PAPERS_LEVEL].method)
     if all(key[:2] == papers for key, _ in groups):
@@ -26,7 +26,8 @@ def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
 
 
 def scenarios(trials: Iterable[Row]) -> list[dict[str, Any]]:
-    """A row per scenario: how its trials ended, and how many of them as is right there."""
+    """A row per scenario, skill set and reasoner: how the trials ended, and how many of them as is
+    right there."""
     return [_scenario(key, group) for key, group in _groups(trials) if _is_scenario(key[0])]
 
 

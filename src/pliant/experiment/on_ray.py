@@ -16,8 +16,8 @@ _AHEAD = 2  # jobs in flight per core: so that none waits for the driver
 
 
 class OnRay:
-    """An engine of a Ray cluster's cores; every node needs pliant, and the run's folder if trials
-    are saved.
+    """An engine that uses a Ray cluster's cores; every node needs pliant, and the run's folder if
+    trials are saved.
 
     Raises:
         InputError: Ray is not installed, or no cluster answers at the address.

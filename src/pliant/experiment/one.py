@@ -34,9 +34,9 @@ INTERRUPTED = "fault:interrupted"
 @dataclass(frozen=True, kw_only=True)
 class Spec:
     """A trial's specification: everything that decides its outcome. `reasoner` is a name of
-    `reasoners`, a user's file with its folder; with `vlm` it is what this model with these settings
-    is called. `method` is a name of `methods`, or a user's file likewise. `level` is the rung or
-    the scenario that the task's hole and depth are of.
+    `reasoners`, or a user's file with its folder; with `vlm` it is what this model with these
+    settings is called. `method` is a name of `methods`, or a user's file likewise. `level` is the
+    rung or the scenario that the task's hole and depth are of.
 
     Raises:
         InputError: no level has that name, or the task is on another.

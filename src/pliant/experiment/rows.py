@@ -223,8 +223,8 @@ def _asked(trial: Trial) -> Row:
 
 
 def decided(trial: Row) -> str:
-    """The part of a trial, given as its row, that the model decided which was asked, in words;
-    empty: none was."""
+    """Say how much of a trial, given as its row, was decided by the model that was asked; empty:
+    none was."""
     asked, own, cut, rules = (trial[n] for n in ("decisions", "own", "clamped", "fallbacks"))
     if not asked:
         return ""

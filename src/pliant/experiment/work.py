@@ -24,7 +24,7 @@ _KEPT_CELLS = 3  # compiled models, tens of MB each; an experiment goes peg by p
 
 
 class Save(StrEnum):
-    """The trials that keep their full record, in DIR/trials/<id>/."""
+    """The choice of trials that keep their full record, in DIR/trials/<id>/."""
 
     FAILURES = "failures"
     ALL = "all"

@@ -137,7 +137,7 @@ def _marked(recovery: Recovery | None, case: Case, answer: Answer) -> Plan:
 
 
 def _outside(goal: float, answer: Answer) -> float:
-    """The distance [m] of a goal from the nearest that reaches the formation."""
+    """The distance [m] of a goal from the nearest goal that reaches the formation."""
     right = answer.steps[0].goal
     low, high = answer.goals_m or (min(right.values()), max(right.values()))
     assert math.isfinite(goal), "admission refuses other goals"
