@@ -44,11 +44,13 @@ class ModelOptions:
         return replace(self, record=record, replay=replay)
 
     def check(self, experiment: Experiment) -> None:
-        """Raises InputError when options for a model are given and no reasoner asks one."""
+        """Check the options. Raises InputError when options for a model are given and no reasoner
+        asks one."""
         self.refuse_without(is_asked=bool(experiment.models))
 
     def refuse_without(self, *, is_asked: bool) -> None:
-        """Raises InputError when options for a model are given and none is asked."""
+        """Refuse options without a model. Raises InputError when options for a model are given and
+        none is asked."""
         given = [name for name in ("record", "replay") if getattr(self, name) is not None]
         given += ["fallback_from_start"] if self.fallback_from_start else []
         given += self.given

@@ -207,15 +207,15 @@ def _is_done(trial: Trial) -> bool:
 
 @contextmanager
 def _opened(experiment: Experiment, folder: Path) -> Iterator[journal.Journal]:
-    """The run's folder and journal, made and tried before anything moves."""
+    """The run's folder and journal as a context, made and tried before anything moves."""
     runner.prepare(experiment, folder)
     with journal.Journal(folder / journal.FILE) as book:
         yield book
 
 
 def _store(folder: Path, book: journal.Journal, trial: Trial) -> None:
-    """The journal and Parquet files of an experiment of one trial; simulating it again changes
-    nothing but the wall time, so the first line stays, unless nothing was measured then."""
+    """Write the journal and Parquet files of an experiment of one trial; simulating it again
+    changes nothing but the wall time, so the first line stays, unless nothing was measured then."""
     rows = rows_of(trial)
     before = {entry.trial_id: entry.fault for entry in journal.scan(book.path)}
     if trial.trial_id not in before:

@@ -1,4 +1,4 @@
-"""Whether a cell is ready: each check with what was found and, where it fails, what to do.
+"""The check whether a cell is ready: each part with what was found and, where it fails, what to do.
 
 Nothing moves the arm. A check that a fault made impossible says so and counts as failed; one that
 does not apply to a cell says that too, and does not count.
@@ -145,7 +145,7 @@ def _attached(where: Where, task: Task) -> Iterator[Robot]:
 
 
 def _nothing() -> None:
-    """The cell has nothing to close."""
+    """Do nothing: the cell has nothing to close."""
 
 
 # --- the checks ----------------------------------------------------------------------------------

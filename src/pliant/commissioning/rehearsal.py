@@ -1,4 +1,4 @@
-"""A trial rehearsed: every motion that it could command, on paper; or run above the board.
+"""The rehearsal of a trial: every motion that it could command, on paper; or run above the board.
 
 The motions are those that the skills themselves command, of a robot that only takes notes.
 """

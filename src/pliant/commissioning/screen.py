@@ -35,7 +35,7 @@ def render(
     title: str,
     size: tuple[int, int],
 ) -> RenderableType:
-    """The whole screen, `size` (columns, rows)."""
+    """The whole screen of `pliant teach`, `size` (columns, rows)."""
     columns, rows = size
     left = Group(_formations(session), Text(), _pose(session, observation), _seen(scene))
     body = Table.grid(padding=(0, 1))
@@ -133,7 +133,7 @@ def _tenth(value: float) -> str:
 
 
 def _help(columns: int) -> Text:
-    """The keys, as many to a line as fit."""
+    """The keys of `pliant teach` in words, as many to a line as fit."""
     text, used = Text(), 0
     for key, meaning in HELP:
         length = len(key) + 1 + len(meaning) + 3

@@ -59,7 +59,8 @@ class Keys:
 
 
 def check_terminal() -> None:
-    """Raises InputError when standard input or output is not a terminal."""
+    """Check that there is a terminal. Raises InputError when standard input or output is not
+    one."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise InputError("keys are read from a terminal, and this is none: use ssh -t, and no pipe")
 

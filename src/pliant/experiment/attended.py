@@ -146,7 +146,7 @@ class Attended:
 
 
 def labelled(trial: Trial, inserted: bool | None) -> Trial:
-    """A trial with a person's label: of the last thing that was seen in it."""
+    """The trial with a person's label on the last thing that was seen in it."""
     if not trial.truths:
         return trial
     *before, last = trial.truths

@@ -36,7 +36,7 @@ class Ended:
 
 
 class Engine(Protocol):
-    """Performs jobs, at most `capacity` in flight."""
+    """An engine performs jobs, at most `capacity` in flight."""
 
     @property
     def capacity(self) -> int: ...

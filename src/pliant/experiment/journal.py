@@ -211,7 +211,7 @@ def _damaged(number: int | None, path: Path) -> InputError:
 
 
 def _entry(line: bytes, offset: int, number: int, path: Path) -> Entry:
-    """The head of a line. Its checksum only says that it is as somebody wrote it."""
+    """The entry at the head of a line. Its checksum only says that it is as somebody wrote it."""
     match _parsed(line.partition(_ROWS)[0] + b"}"):
         case {"trial_id": str(trial_id), "inserted": bool() | None as inserted}:
             fault = _fault(line, path)

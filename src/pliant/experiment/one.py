@@ -69,8 +69,8 @@ class Spec:
         method: str | None = None,
         reasoner: str = "rules",
     ) -> Self:
-        """The trial that these names say. `peg` may be a peg file, `method` None is the level's,
-        and what the level draws is added to the condition.
+        """The specification of the trial that these names say. `peg` may be a peg file, `method`
+        None is the level's, and what the level draws is added to the condition.
 
         Raises:
             InputError: a name is unknown, or the peg file cannot be used.
@@ -88,7 +88,7 @@ class Spec:
 
     @property
     def reasoner_name(self) -> str:
-        """The reasoner as results name it: a user's file without its folder."""
+        """The reasoner's name in results: that of a user's file without its folder."""
         return self.reasoner if self.vlm is not None else short_name(self.reasoner)
 
     @property
@@ -239,7 +239,7 @@ def _reasoner(
     record: Path | None,
     replay: Path | None,
 ) -> Reasoner:
-    """A reasoner; only the oracle, which is a control, is given the truth."""
+    """Make a trial's reasoner; only the oracle, which is a control, is given the truth."""
     if spec.vlm is not None:
         return vlm(spec.vlm, name=spec.reasoner, limits=limits, record=record, replay=replay)
     if spec.reasoner == NAME:

@@ -1,4 +1,4 @@
-"""Runs an experiment into a folder: resumable, on local processes or on a Ray cluster.
+"""Run an experiment into a folder: resumable, on local processes or on a Ray cluster.
 
 The journal is the truth: a trial is finished when its line is on the disk. Whatever dies, the same
 command goes on from there, and the results do not depend on who performed what, or when.

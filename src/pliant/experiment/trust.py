@@ -33,7 +33,7 @@ Agree = Callable[[Named], None]
 
 
 def refuse(named: Named) -> None:
-    """Agree to data alone.
+    """Agree to a file of data alone.
 
     Raises:
         InputError: the file names code or a model.

@@ -37,7 +37,7 @@ class Where:
 
     @cached_property
     def configuration(self) -> ur5e.Configuration | None:
-        """The file's content; None: the simulated cell."""
+        """The content of the cell's file; None: the simulated cell."""
         return None if self.file is None else ur5e.load(self.file)
 
     @property

@@ -20,13 +20,15 @@ from pliant.recovery import admit
 from pliant.task import Task
 
 TOUCHING_M = 0.0005
-"""A wrist pressed by this much at rest touches something; in free hang it is pressed by less."""
+"""The compression from which a wrist at rest touches something [m]; in free hang it is pressed by
+less."""
 
 BELOW_M = 0.0005
-"""An edge this far below the board's surface is in the hole: contact is softer than that."""
+"""The depth below the board's surface at which an edge is in the hole [m]: contact is softer than
+that."""
 
 CHANGE_M = 0.001
-"""A goal changed by no more than this is the same goal: the paper's p_th."""
+"""The change up to which a goal counts as the same goal [m]: the paper's p_th."""
 
 
 @dataclass(frozen=True, kw_only=True)

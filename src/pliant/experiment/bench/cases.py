@@ -282,8 +282,8 @@ def _opened(path: Path) -> zipfile.ZipFile:
 
 
 def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """A member unpacked, into memory; no more is read than it says, and it may not say more than
-    `most`. Raises one of `_BROKEN`."""
+    """A member of an archive unpacked, into memory; no more is read than it says, and it may not
+    say more than `most`. Raises one of `_BROKEN`."""
     if archive.getinfo(name).file_size > most:
         raise zipfile.BadZipFile(f"{name} is larger than {most / 1e6:.0f} MB")
     return archive.read(name)

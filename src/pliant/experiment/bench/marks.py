@@ -13,7 +13,8 @@ from pliant.records import Case, Decision, Exchange, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 
 Make = Callable[[str], Reasoner]
-"""Makes the reasoner for a case, given the case's name: each gets one of its own, as each trial."""
+"""A maker of the reasoner for a case, given the case's name: each gets one of its own, as each
+trial."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,8 +64,9 @@ def _grouped(marks: Sequence[Mark], of: Callable[[Mark], str]) -> dict[str, Scor
 
 
 def _balanced_accuracy(marks: Sequence[Mark]) -> Scores | None:
-    """Mean of the shares of failures and of successes that were judged so; its interval squares and
-    adds those of both (Newcombe 1998). None where all cases are of one sort."""
+    """Balanced accuracy: the mean of the shares of failures and of successes that were judged so;
+    its interval squares and adds those of both (Newcombe 1998). None where all cases are of one
+    sort."""
     sorts = [[m.judged == m.success for m in marks if m.success is s] for s in (True, False)]
     if not all(sorts):
         return None
