@@ -1,3 +1,4 @@
-"""What a cell's configuration needs and a person cannot measure well: where the camera stands, how
-stiff the wrist is, what colours the peg and the block have. The cell finds them out by itself.
+"""Calibration: the cell finds out by itself where its camera stands, how stiff its wrist is and
+what colours the peg and the block have, which its configuration needs and a person cannot measure
+well.
 """

@@ -38,7 +38,7 @@ _UNKNOWNS = 14
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shot:
-    """A picture's outlines [px], and where the arm was."""
+    """A picture's outlines [px] for the calibration, and the pose of the arm when it was taken."""
 
     pose: Pose
     peg: Points = field(repr=False)  # (n, 2)
@@ -61,7 +61,7 @@ class CameraFound:
         return math.sqrt(float(np.mean(np.square(self.rms_px))))
 
     def problem(self) -> str | None:
-        """Why it is too poor to be used, and what to do; None: it is good."""
+        """Why the calibration is too poor to be used, and what to do; None: it is good."""
         others = float(np.median(self.rms_px))
         if max(self.left_out_px) > WORST_LEFT_OUT_PX and others <= WORST_RMS_PX:
             which = int(np.argmax(self.left_out_px)) + 1
@@ -122,8 +122,9 @@ def calibrate(
 def _leave_one_out(
     fit: "_Fit", shots: Sequence[Shot], found: Vector
 ) -> tuple[tuple[float, ...], tuple[float, float]]:
-    """Each picture's rms without it; the deviation of the hole's y and z [m], by the jackknife and
-    by what it does not see: one lean of the tool and one edge of the block served all pictures."""
+    """Each picture's rms [px] in a fit without it; the deviation of the hole's y and z [m], by the
+    jackknife and by what it does not see: one lean of the tool and one edge of the block served all
+    pictures."""
     u, v = fit.read(found)[0].project(np.zeros(3))
     rms, holes = [], []
     for i, shot in enumerate(shots):
@@ -140,9 +141,9 @@ def _leave_one_out(
 
 
 class _Fit:
-    """The unknowns (14,): the camera's log focal length, place [m] and turn [rad] against the
-    start, then reach, sag [m], droop, the grasp's roll and pitch [rad], the block's y [m], and how
-    far a mask's boundary lies inside the true edge [px]."""
+    """The fit of a camera to the outlines. Its unknowns (14,): the camera's log focal length, place
+    [m] and turn [rad] against the start, then reach, sag [m], droop, the grasp's roll and pitch
+    [rad], the block's y [m], and how far a mask's boundary lies inside the true edge [px]."""
 
     def __init__(self, task: Task, size: tuple[int, int], start: Camera, block: Points) -> None:
         self.task, self._size, self._start = task, size, start
@@ -183,7 +184,8 @@ class _Fit:
         return camera, hang, block_y
 
     def rms(self, x: Vector, shot: Shot) -> float:
-        """[px], of the larger part of the outline: fingers may hide the rest."""
+        """Rms distance [px] of the larger part of a picture's outline of the peg from the one
+        expected: fingers may hide the rest."""
         camera, hang, _ = self.read(x)
         corners = project(camera, peg_points(self.task, shot.pose, hang))
         off = outside(_thinned(shot.peg), corners) + x[13]
@@ -195,7 +197,8 @@ class _Fit:
 
 
 def _unknowns(at: Vector) -> list[Unknown]:
-    """Priors are wide: they hold what the pictures leave open, and nothing else."""
+    """The fit's unknowns, starting `at`. Priors are wide: they hold what the pictures leave open,
+    and nothing else."""
     camera = [Unknown(start=v) for v in at[:7]]
     reach, sag, droop, roll, pitch, block_y, inset = at[7:]
     wide = math.radians(5.0)
@@ -223,7 +226,8 @@ def _thinned(points: Points) -> Points:
 
 
 def _start(shots: Sequence[Shot], task: Task, size: tuple[int, int]) -> Camera:
-    """A camera from the middles of the pegs alone, hanging as usual; the focal length is tried."""
+    """A first camera, from the middles of the pegs alone, which are taken to hang as usual; several
+    focal lengths are tried."""
     usual = Hang(sag=0.009, droop=0.9)
     middles = np.array([peg_points(task, shot.pose, usual).mean(axis=0) for shot in shots])
     pixels = np.array([cv2.minAreaRect(shot.peg.astype(np.float32))[0] for shot in shots])
@@ -240,7 +244,8 @@ def _start(shots: Sequence[Shot], task: Task, size: tuple[int, int]) -> Camera:
 def _from_points(
     points: Points, pixels: Points, size: tuple[int, int], focal_px: float
 ) -> tuple[float, Camera] | None:
-    """(rms [px], camera) for a focal length; None: the camera would not look at the board."""
+    """The camera with a given focal length that sees `points` at `pixels`, as (rms [px], camera);
+    None: it would not look at the board."""
     width, height = size
     matrix = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
     is_found, turn, shift = cv2.solvePnP(points, pixels, matrix, None, flags=cv2.SOLVEPNP_SQPNP)

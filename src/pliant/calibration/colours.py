@@ -31,7 +31,8 @@ _PATCH = 3  # pixels to each side of the picked one
 
 @dataclass(frozen=True, kw_only=True)
 class ColoursFound:
-    """The ranges, and how much of the pictures they take that is not the largest region."""
+    """The colour ranges found, and how much of the pictures they take that is not the largest
+    region."""
 
     colours: Colours
     peg_elsewhere: float  # share of the mask's pixels, the worst picture's
@@ -39,7 +40,7 @@ class ColoursFound:
     shared: float
 
     def problem(self) -> str | None:
-        """Why they are too poor to be used, and what to do; None: they are good."""
+        """Why the ranges are too poor to be used, and what to do; None: they are good."""
         for name, elsewhere in (("peg", self.peg_elsewhere), ("block", self.block_elsewhere)):
             if elsewhere > MOST_ELSEWHERE:
                 return (
@@ -85,7 +86,7 @@ def pick(image: Image, u: int, v: int, what: str) -> Ranges:
 
 
 def widen(images: Sequence[Image], ranges: Ranges) -> Ranges:
-    """The ranges that hold the largest region of each picture, too."""
+    """Widen the ranges to hold the largest region of each picture, too."""
     pixels = []
     for image in images:
         hsv = _hsv(image)
@@ -100,7 +101,7 @@ def widen(images: Sequence[Image], ranges: Ranges) -> Ranges:
 
 
 def evaluate(images: Sequence[Image], colours: Colours) -> ColoursFound:
-    """How well the ranges tell peg and block from everything else.
+    """Measure how well the ranges tell peg and block from everything else.
 
     Raises:
         InputError: a picture lacks one of them.

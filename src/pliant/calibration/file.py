@@ -79,8 +79,8 @@ def _put(document: Document, section: str, name: str, value: Any) -> str:
 
 
 def _replaced(document: Document, place: Place, value: Any) -> str:
-    """The text with a value in place of another; of a list as long as before, item by item, so that
-    the layout and the comments between the items stay."""
+    """The document's text with a value in place of another; of a list as long as before, item by
+    item, so that the layout and the comments between the items stay."""
     found: Any = document.value
     for part in place:
         found = found[part]
@@ -94,7 +94,7 @@ def _replaced(document: Document, place: Place, value: Any) -> str:
 
 
 def _added(document: Document, place: Place, name: str, value: Any) -> str:
-    """The text with one field more in the section at `place`."""
+    """The document's text with one field more in the section at `place`."""
     text, mark = document.text, document.marks[place]
     line_end = "\r\n" if "\r\n" in text else "\n"
     fields: Any = document.value if not place else document.value[place[0]]

@@ -1,4 +1,4 @@
-"""Where the peg and the block are in the task frame, and the outline that a camera sees of them.
+"""The peg and the block in the task frame, and the outline that a camera sees of them.
 
 The arm knows the hinge point; the peg hangs from it on soft springs. Gravity stretches the wrist
 along the flange's axis and turns the tool towards the vertical; where the peg sits in the grasp is
@@ -23,7 +23,8 @@ _ROUND = 96  # vertices of a disc: 0.01 mm off a circle of 20 mm
 
 @dataclass(frozen=True, kw_only=True)
 class Hang:
-    """How the peg hangs below the hinge point."""
+    """The state of the peg as it hangs below the hinge point: the wrist's sag and droop, and the
+    peg's place in the grasp."""
 
     reach: float = 0.0  # [m] of the peg's tip beyond the task's nominal one
     sag: float = 0.0  # [m] of the wrist along its axis under the tool's weight
@@ -69,8 +70,8 @@ def project(camera: Camera, points: Points) -> Points:
 
 
 def outside(points: Points, corners: Points) -> NDArray[np.float64]:
-    """How far `points` (n, 2) lie outside the convex hull of `corners` (m, 2) [px]; inside it is
-    below 0."""
+    """The distance [px] by which `points` (n, 2) lie outside the convex hull of `corners` (m, 2);
+    inside it is below 0."""
     hull = cv2.convexHull(corners.astype(np.float32)).reshape(-1, 2).astype(np.float64)
     edge = np.roll(hull, -1, axis=0) - hull
     length = np.linalg.norm(edge, axis=1)

@@ -43,7 +43,8 @@ _MOST_LOOKS = 60
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Taken:
-    """A pose's picture, and its outlines; no outlines, and the reason, where it is of no use."""
+    """A pose of the tour with its picture and outlines; no outlines, and the reason, where the
+    picture is of no use."""
 
     pose: Pose
     view: View = field(repr=False)
@@ -52,7 +53,7 @@ class Taken:
 
 
 def stops(task: Task) -> list[Pose]:
-    """Where the hinge point goes."""
+    """The poses of the hinge point at which the tour stops."""
     return [
         Pose(
             x=x * 1e-3,
@@ -71,7 +72,7 @@ def travel(
     colours: Colours = SIMULATED,
     tell: Callable[[Taken], None] = lambda taken: None,
 ) -> list[Taken]:
-    """Go round, leaving out what lies outside the envelope.
+    """Move the arm round the tour, leaving out stops outside the envelope, with a picture at each.
 
     Raises:
         RobotFault: the robot's own, or "touched" when something was in the way.
@@ -89,7 +90,7 @@ def travel(
 
 
 def _still_picture(robot: Guarded, colours: Colours) -> Taken:
-    """A picture of the peg when two looks running found it in the same place."""
+    """Take a picture of the peg once two looks running found it in the same place."""
     before: Points | None = None
     agreed = 0
     for i in range(_MOST_LOOKS):

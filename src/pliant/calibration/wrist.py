@@ -1,4 +1,4 @@
-"""How stiff the wrist is: press the peg on the board in small steps of the arm, and release it.
+"""The wrist's stiffness: press the peg on the board in small steps of the arm, and release it.
 
 The arm is stiff and knows how far it went, so each millimetre past the touch is a millimetre of
 compression. What the cell reports instead, through the stiffness it believes in, tells the true
@@ -38,7 +38,8 @@ _LEAST_READINGS = 4  # beyond it, each way
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Press:
-    """Readings: the hinge point's height [m], the reported compression [m], and the direction."""
+    """Readings while pressing: the hinge point's height [m], the reported compression [m], and the
+    direction."""
 
     height_m: NDArray[np.float64] = field(repr=False)  # (n,)
     compression_m: NDArray[np.float64] = field(repr=False)  # (n,)
@@ -47,7 +48,8 @@ class Press:
 
 @dataclass(frozen=True, kw_only=True)
 class WristFound:
-    """The wrist's response."""
+    """The wrist's response to pressing: its stiffness, the height of the touch, bend and
+    hysteresis."""
 
     stiffness_n_m: float
     sd_n_m: float
@@ -56,7 +58,7 @@ class WristFound:
     hysteresis: float  # mean gap between pressing and releasing, over the force's range
 
     def problem(self) -> str | None:
-        """Why it is too poor to be used, and what to do; None: it is good."""
+        """Why the result is too poor to be used, and what to do; None: it is good."""
         if self.sd_n_m > WORST_SD * self.stiffness_n_m:
             return (
                 f"the stiffness is known to {self.sd_n_m / self.stiffness_n_m:.0%} only, worse than"
@@ -170,7 +172,7 @@ def evaluate(pressed: Press, stiffness_n_m: float) -> WristFound:
 def _bend(
     height: NDArray[np.float64], columns: NDArray[np.float64], reading: NDArray[np.float64]
 ) -> float:
-    """Rms [m] of what a parabola explains and a line does not."""
+    """Rms [m] of the part of the readings that a parabola explains and a line does not."""
     square = (height - np.mean(height)) ** 2
     rest, off = (
         v - columns @ np.linalg.lstsq(columns, v, rcond=None)[0] for v in (square, reading)

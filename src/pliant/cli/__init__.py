@@ -28,10 +28,10 @@ _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist.
 
 
 def main() -> None:
-    """Exit status: 0 inserted or done; 1 not inserted, not complete, or faults among the trials; 2
-    wrong usage, something of the machine in the way, or nothing but faults; where a signal ended
-    it, that of the signal: 130 for Ctrl-C.
-    Status 3: a model was asked, and decided nothing.
+    """Run the command line and exit with a status: 0 inserted or done; 1 not inserted, not
+    complete, or faults among the trials; 2 wrong usage, something of the machine in the way, or
+    nothing but faults; where a signal ended it, that of the signal: 130 for Ctrl-C. Status 3: a
+    model was asked, and decided nothing.
     """
     signals.heed()
     replace_unshowable(sys.stdout, sys.stderr)
@@ -92,7 +92,7 @@ def _leave(status: int, said: str) -> NoReturn:
 
 
 def _silence() -> None:
-    """Nothing more is written to standard output, also not as the program ends."""
+    """Write nothing more to standard output, also not as the program ends."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -68,8 +68,8 @@ def bench_reasoner(
 
 
 def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
-    """Who is asked, by the name shown. Each is made once here, so that one that cannot be made is
-    refused before anything is asked."""
+    """Makers of the reasoners to be asked, by the name shown. Each reasoner is made once here, so
+    that one that cannot be made is refused before anything is asked."""
     model.refuse_without(is_asked=VLM in names)
     makers: dict[str, Make] = {}
     for name in map(located_own, names):
@@ -107,7 +107,8 @@ def _check_writable(out: Path) -> None:
 
 
 class _Shown:
-    """How far it is: a bar on a terminal, a plain line now and then elsewhere."""
+    """A display of the benchmark's progress: a bar on a terminal, a plain line now and then
+    elsewhere."""
 
     def __init__(self, total: int) -> None:
         self._console = Console(stderr=True)

@@ -35,7 +35,7 @@ _MOST_COLUMNS = 96  # columns of the picture in a terminal, at most
 
 
 class _Refused(PliantError):
-    """A calibration is too poor to be used."""
+    """The error that a calibration is too poor to be used."""
 
 
 def calibrate(
@@ -269,7 +269,8 @@ class _Session:
 
 
 def _difference(camera: Camera, other: Camera) -> str:
-    """Of two calibrations, over the space above the board where the peg goes."""
+    """The greatest difference between two calibrations [px, mm], in words, over the space above the
+    board where the peg goes."""
     grid = np.array(
         [
             (x, y, z)

@@ -45,7 +45,7 @@ def where_trials_are(cell: str) -> Where:
 
 @contextmanager
 def opened(chosen: Where, operator: "Operator | None" = None) -> Iterator[Workcell]:
-    """The cell, which is disconnected at the end of this context."""
+    """The chosen cell, which is disconnected at the end of this context."""
     workcell = chosen.open(operator)
     try:
         yield workcell

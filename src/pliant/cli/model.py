@@ -38,16 +38,19 @@ class ModelOptions:
         return {k: v for k, v in asdict(self.vlm).items() if v != default[k]}
 
     def placed(self) -> "ModelOptions":
-        """The same with absolute paths: a reasoner of one's own may change the current folder."""
+        """The same options with absolute paths: a reasoner of one's own may change the current
+        folder."""
         record, replay = (p and located(p) for p in (self.record, self.replay))
         return replace(self, record=record, replay=replay)
 
     def check(self, experiment: Experiment) -> None:
-        """Raises InputError when options for a model are given and no reasoner asks one."""
+        """Check the options. Raises InputError when options for a model are given and no reasoner
+        asks one."""
         self.refuse_without(is_asked=bool(experiment.models))
 
     def refuse_without(self, *, is_asked: bool) -> None:
-        """Raises InputError when options for a model are given and none is asked."""
+        """Refuse options without a model. Raises InputError when options for a model are given and
+        none is asked."""
         given = [name for name in ("record", "replay") if getattr(self, name) is not None]
         given += ["fallback_from_start"] if self.fallback_from_start else []
         given += self.given

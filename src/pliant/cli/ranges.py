@@ -38,11 +38,11 @@ class Ranges:
     board_shift_mm: Range = None
     """How far the board is pushed when it is struck."""
     board_shift_heading_deg: Range = None
-    """The direction of that push."""
+    """The direction in which the board is pushed when it is struck."""
     grasp_turn_deg: Range = None
-    """How far the peg turns in the grasp then."""
+    """How far the peg turns in the grasp when it is struck."""
     grasp_slide_mm: Range = None
-    """How far it slides up then."""
+    """How far the peg slides up in the grasp when it is struck."""
     struck_at_s: Range = None
     """When board and grasp are struck."""
     wrist_stiffness: Range = None
@@ -58,7 +58,7 @@ class Ranges:
     bar_height_mm: Range = None
     """Height of a bar across the board."""
     bar_y_mm: Range = None
-    """That bar's distance from the hole along y."""
+    """The distance of the bar across the board from the hole along y."""
     hole_misread_mm: Range = None
     """How far off every reading of the hole's y is."""
     compression_dead: Range = None

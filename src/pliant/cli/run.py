@@ -183,7 +183,7 @@ def _simulated(
 def _attended(
     experiment: Experiment, spec: Spec, folder: Path, teller: "_Teller", model: ModelOptions
 ) -> Trial:
-    """In a real or an emulated cell, where no two trials are the same."""
+    """Run the trial in a real or an emulated cell, where no two trials are the same."""
     with attended(experiment, one_trial=True) as engine, _opened(experiment, folder) as book:
         if any(not entry.fault for entry in journal.scan(book.path)):
             raise InputError(f"'{folder}' holds this trial already: choose another folder (--out)")
@@ -207,15 +207,15 @@ def _is_done(trial: Trial) -> bool:
 
 @contextmanager
 def _opened(experiment: Experiment, folder: Path) -> Iterator[journal.Journal]:
-    """The run's folder and journal, made and tried before anything moves."""
+    """The run's folder and journal as a context, made and tried before anything moves."""
     runner.prepare(experiment, folder)
     with journal.Journal(folder / journal.FILE) as book:
         yield book
 
 
 def _store(folder: Path, book: journal.Journal, trial: Trial) -> None:
-    """The journal and Parquet files of an experiment of one trial; simulating it again changes
-    nothing but the wall time, so the first line stays, unless nothing was measured then."""
+    """Write the journal and Parquet files of an experiment of one trial; simulating it again
+    changes nothing but the wall time, so the first line stays, unless nothing was measured then."""
     rows = rows_of(trial)
     before = {entry.trial_id: entry.fault for entry in journal.scan(book.path)}
     if trial.trial_id not in before:
@@ -268,7 +268,7 @@ def _watch(cell: "SimCell") -> None:
 
 @dataclass(frozen=True)
 class _Teller:
-    """Says what happens, a line per skill, and what was thought about a failure."""
+    """Tell what happens in a trial, a line per skill, and what was thought about a failure."""
 
     console: Lasting
     told: list[Execution] = field(default_factory=list)

@@ -27,7 +27,8 @@ def tables(folder: Annotated[Path, tyro.conf.Positional], *, json: bool = False)
 
 
 def made_of(folder: Path) -> made.Document:
-    """An experiment's tables, written beside its data, or one line on standard error why not.
+    """Write an experiment's tables beside its data, or one line on standard error why not; return
+    them.
 
     Raises:
         InputError: the results are missing or broken, or the folder holds a link.

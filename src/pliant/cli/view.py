@@ -76,8 +76,8 @@ def view(
 
 
 def _place(folder: Path, out: Path | None, console: Console) -> Path:
-    """Where the pages go: beside the results, or beside a copy of them where these are not to be
-    touched, or cannot be.
+    """The folder that the pages go into: that of the results, or a copy of it where these are not
+    to be touched, or cannot be.
 
     Raises:
         InputError: the copy cannot be made.

@@ -20,10 +20,11 @@ _LABELS = {"y": True, "n": False, "u": None}
 
 
 class Attending(AtTerminal):
-    """Asks at the terminal. Stopping is always an answer: what is finished is kept."""
+    """The person at a real cell, asked at the terminal about each trial. Stopping is always an
+    answer: what is finished is kept."""
 
     def __init__(self, console: Console | None = None, *, one_trial: bool = False) -> None:
-        """`one_trial`: there is no later one to go on to."""
+        """Ask on `console`; `one_trial`: there is no later trial to go on to."""
         self._asked = console or Console(stderr=True, highlight=False)
         super().__init__(self._asked)
         self._one_trial = one_trial
@@ -31,7 +32,7 @@ class Attending(AtTerminal):
         self._has_left = False
 
     def begin(self, spec: Spec) -> None:
-        """Raises KeyboardInterrupt when the person has said that this is all."""
+        """Announce a trial. Raises KeyboardInterrupt when the person has said that this is all."""
         if self._has_left:
             raise KeyboardInterrupt
         line = Text(f"\n{spec.condition.name}", style="bold")
@@ -39,7 +40,8 @@ class Attending(AtTerminal):
         self._asked.print(line)
 
     def place(self, task: Task, setup: Setup) -> None:
-        """Raises RobotFault "skipped" or "interrupted" when it is not done."""
+        """Ask the person to place hole and peg. Raises RobotFault "skipped" or "interrupted" when
+        it is not done."""
         self._hole_y = setup.hole_y
         self._asked.print(f"  peg    {task.peg.name}, held between the fingers")
         self._asked.print(f"  hole   {hole_in_words(setup.hole_y)}")
@@ -54,12 +56,13 @@ class Attending(AtTerminal):
             raise RobotFault("interrupted", "the operator stopped")
 
     def truth(self) -> Truth:
-        """Where the hole is; the rest is not known until somebody labels it."""
+        """The truth as far as it is known: the hole's y; the rest is not known until somebody
+        labels it."""
         return replace(super().truth(), hole_y=self._hole_y)
 
     def label(self, trial: Trial, picture: Path) -> bool | None:
-        """What the person sees. Whoever leaves instead of answering has not labelled it, and there
-        is no next one: KeyboardInterrupt."""
+        """Ask the person whether the peg is inserted; None: not known yet. Whoever leaves instead
+        of answering has not labelled it, and there is no next one: KeyboardInterrupt."""
         if self._has_left:
             raise KeyboardInterrupt
         if trial.fault:
@@ -74,7 +77,8 @@ class Attending(AtTerminal):
         return inserted
 
     def _choice(self, question: str, choices: dict[str, str], at_the_end: str) -> str:
-        """One of the keys of `choices`; `at_the_end` when the person or the terminal leaves."""
+        """Ask for one of the keys of `choices`; `at_the_end` when the person or the terminal
+        leaves."""
         named = ", ".join(f"{key}: {meaning}" for key, meaning in choices.items())
         try:
             return Prompt.ask(f"{question} ({named})", console=self._asked, choices=list(choices))
@@ -84,7 +88,7 @@ class Attending(AtTerminal):
 
 
 def hole_in_words(y: float) -> str:
-    """Where the hole is to be, y [m], for a person beside the board."""
+    """Say for a person beside the board where the hole is to be, y [m]."""
     if round(y * 1e3, 1) == 0:
         return "at its nominal place"
     picture, robot = ("right", "left") if y > 0 else ("left", "right")
@@ -95,7 +99,7 @@ def hole_in_words(y: float) -> str:
 
 
 def grasp_in_words(roll: float) -> str:
-    """How the peg is to be gripped, roll [rad]."""
+    """Say for a person how the peg is to be gripped, roll [rad]."""
     if round(math.degrees(roll), 1) == 0:
         return "straight"
     side = "right" if roll > 0 else "left"

@@ -1,4 +1,5 @@
-"""What has been taught so far, on the disk after every record, so that teaching can be resumed."""
+"""The draft of the goals that are being taught, on the disk after every record, so that teaching
+can be resumed."""
 
 import shutil
 from dataclasses import dataclass
@@ -23,8 +24,9 @@ _ANEW = "remove its folder to begin anew"
 
 @dataclass(frozen=True, kw_only=True)
 class Draft:
-    """A folder beside the goals file to be: YAML and a picture per record, lengths in metres. Files
-    that it names count from the goals file's folder, so that all can be moved together."""
+    """A draft of goals, in a folder beside the goals file to be: YAML and a picture per record,
+    lengths in metres. Files that it names count from the goals file's folder, so that all can be
+    moved together."""
 
     folder: Path
     cell: Path | None
@@ -41,7 +43,7 @@ class Draft:
         }
 
     def load(self) -> tuple[Record, ...]:
-        """What was recorded, oldest first; nothing if there is no draft.
+        """The records that the draft holds, oldest first; none if there is no draft.
 
         Raises:
             InputError: the draft is broken, or of another cell or peg.
@@ -68,7 +70,7 @@ class Draft:
             ) from error
 
     def save(self, log: tuple[Record, ...]) -> None:
-        """Keep these records, all or nothing.
+        """Keep these records in the draft, all or nothing.
 
         Raises:
             InputError: they cannot be written.

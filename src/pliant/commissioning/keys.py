@@ -1,4 +1,4 @@
-"""What the keys of `pliant teach` mean, and how a terminal's bytes become keys.
+"""The meaning of the keys of `pliant teach`, and the keys in a terminal's bytes.
 
 Letters count without regard to case, so that Caps Lock turns no motion around.
 """
@@ -11,7 +11,7 @@ from pliant.pose import Axis
 
 
 class Do(StrEnum):
-    """What a person may ask for besides a step along an axis."""
+    """The actions that a person may ask for besides a step along an axis."""
 
     RECORD = "record"
     UNDO = "undo"
@@ -26,7 +26,7 @@ class Do(StrEnum):
 
 @dataclass(frozen=True)
 class Jog:
-    """One step along or about an axis, forward (1) or backward (-1)."""
+    """A request for one step along or about an axis, forward (1) or backward (-1)."""
 
     axis: Axis
     sign: int
@@ -34,7 +34,7 @@ class Jog:
 
 @dataclass(frozen=True)
 class StepOf:
-    """From now on, lengths or angles go by this much [mm or deg]."""
+    """A request that later steps along or about an axis be of this size [mm or deg]."""
 
     size: float
     is_angle: bool
@@ -123,8 +123,8 @@ def _plain(byte: int) -> str:
 
 
 def _escape_length(data: bytes) -> int | None:
-    """Of the sequence that `data` begins with: ESC [ parameters, then a letter or ~; ESC O letter;
-    ESC and a key. None: more is to come."""
+    """The length of the escape sequence that `data` begins with: ESC [ parameters, then a letter or
+    ~; ESC O letter; ESC and a key. None: more is to come."""
     if len(data) < 2:
         return None
     if data[1:2] not in (b"[", b"O"):

@@ -12,7 +12,8 @@ from pliant.task import Task
 
 
 class AtTerminal:
-    """Says what to place, and asks before the arm moves by itself. It gives no label."""
+    """A person at a real cell, told at the terminal what to place, and asked before the arm moves
+    by itself. It gives no label."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True, highlight=False)

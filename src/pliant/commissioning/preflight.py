@@ -1,4 +1,4 @@
-"""Whether a cell is ready: each check with what was found and, where it fails, what to do.
+"""The check whether a cell is ready: each part with what was found and, where it fails, what to do.
 
 Nothing moves the arm. A check that a fault made impossible says so and counts as failed; one that
 does not apply to a cell says that too, and does not count.
@@ -46,7 +46,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One check: what was found, and what to do about it."""
+    """The result of one check: what was found, and what to do about it."""
 
     check: str
     state: State
@@ -70,7 +70,7 @@ _CHECK_OF_FAULT = {
     "gripper": "gripper",
     "camera": "camera",
 }
-"""Which check a fault's kind fails; any other fails the connection."""
+"""The check that a fault of each kind fails; any other kind fails the connection."""
 
 _ADVICE = {
     "connection": "is the controller on, the cable in, arm.address right, the arm in remote"
@@ -94,7 +94,7 @@ _ADVICE = {
 
 
 def check(where: Where, task: Task) -> list[Finding]:
-    """Every check of a cell, in order.
+    """Make every check of a cell, in order.
 
     Raises:
         InputError: the cell's file cannot be used, or an extra is missing.
@@ -145,14 +145,14 @@ def _attached(where: Where, task: Task) -> Iterator[Robot]:
 
 
 def _nothing() -> None:
-    """The cell has nothing to close."""
+    """Do nothing: the cell has nothing to close."""
 
 
 # --- the checks ----------------------------------------------------------------------------------
 
 
 def _arm(where: Where, robot: Robot) -> Iterator[Finding]:
-    """What reaching the robot has shown already, and its payload."""
+    """The checks that reaching the robot has made already, and that of its payload."""
     configuration = where.configuration
     if configuration is None:
         for name in _OF_ARM:
@@ -198,7 +198,8 @@ class _Weighing(Protocol):
 
 
 def _sign(where: Where, robot: Robot) -> Finding:
-    """Weight that the controller does not make up for must read as stretching."""
+    """Check the wrist's sign: weight that the controller does not make up for must read as
+    stretching."""
     name, configuration = "wrist sign", where.configuration
     if configuration is None or not isinstance(robot, _Weighing):
         return Finding(check=name, state=State.NONE, found="the cell is simulated")
@@ -213,8 +214,8 @@ def _sign(where: Where, robot: Robot) -> Finding:
 
 
 def _calibration(where: Where, task: Task, observation: Observation, scene: Scene) -> Finding:
-    """The board's surface and the hole near where they must be, and the peg where the arm holds
-    it: across, at the height that the wrist sags to, and as wide as it is."""
+    """Check that the board's surface and the hole are near where they must be, and the peg where
+    the arm holds it: across, at the height that the wrist sags to, and as wide as it is."""
     peg, hole = scene.peg, scene.hole
     assert peg is not None
     assert hole is not None
@@ -242,8 +243,8 @@ class _Limited(Protocol):
 
 
 def _permitted(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
-    """The controller would let the arm be at every pose that the taught plan commands: a line for
-    each at which it would not."""
+    """Check that the controller would let the arm be at every pose that the taught plan commands: a
+    line for each at which it would not."""
     name = "safety limits"
     if not isinstance(robot, _Limited):
         yield Finding(check=name, state=State.NONE, found="the cell is simulated")
@@ -265,14 +266,16 @@ def _in_words(line: Commanded) -> str:
 
 
 def _commanded(where: Where, task: Task) -> list[Commanded]:
-    """Raises InputError when the goals cannot be used."""
+    """The motions that the taught plan commands. Raises InputError when the goals cannot be
+    used."""
     path, limits = where.goals, where.limits
     taught = teaching.shipped() if path is None else teaching.load(path, limits, where.colours)
     return plan_of(taught.for_task(task), task, limits)
 
 
 def _goals(where: Where, task: Task) -> Finding:
-    """Every pose that the taught plan commands, retreats included, lies in the workspace."""
+    """Check that every pose that the taught plan commands, retreats included, lies in the
+    workspace."""
     path = where.goals
     try:
         commanded = _commanded(where, task)
@@ -293,8 +296,8 @@ def _is_outside(line: Commanded, where: Where) -> bool:
 
 
 def _after(fault: RobotFault, done: set[str]) -> list[Finding]:
-    """What a fault means for the checks that have not been made: on the way to the robot those
-    before the one that failed are good, else it would have been another fault."""
+    """The findings of the checks not yet made when a fault ended them: on the way to the robot
+    those before the one that failed are good, else it would have been another fault."""
     names = (*_OF_ARM, *_WITH_ROBOT)
     failed = _CHECK_OF_FAULT.get(fault.kind, "connection")
     if failed in done:  # it happened later than its own check
@@ -306,7 +309,7 @@ def _after(fault: RobotFault, done: set[str]) -> list[Finding]:
 
 
 def _sag(where: Where, task: Task) -> float:
-    """How far the tool hangs below the unsprung wrist [m]."""
+    """The distance [m] that the tool hangs below the unsprung wrist."""
     given = where.configuration
     if given is not None:
         return given.payload.mass_kg * _GRAVITY / (given.wrist.stiffness_n_mm * 1e3)

@@ -1,4 +1,4 @@
-"""A trial rehearsed: every motion that it could command, on paper; or run above the board.
+"""The rehearsal of a trial: every motion that it could command, on paper; or run above the board.
 
 The motions are those that the skills themselves command, of a robot that only takes notes.
 """
@@ -30,8 +30,8 @@ _UNSEEN = Scene(peg=None, hole=None)
 
 @dataclass(frozen=True, kw_only=True)
 class Commanded:
-    """One motion: of which formation, whether after a failure, where to, how fast [m/s], the
-    compression that ends it [m], and why the envelope would refuse it."""
+    """One motion that a trial could command: of which formation, whether after a failure, where to,
+    how fast [m/s], the compression that ends it [m], and why the envelope would refuse it."""
 
     formation: Formation
     is_retreat: bool
@@ -43,7 +43,8 @@ class Commanded:
 
 @dataclass(frozen=True, kw_only=True)
 class Bound:
-    """Where one recovery may put a goal, and where any number of them may [m]."""
+    """The interval in which one recovery may put a goal, and that in which any number of them may
+    [m]."""
 
     formation: Formation
     axis: Axis
@@ -53,7 +54,8 @@ class Bound:
 
 
 def plan_of(taught: Teaching, task: Task, limits: Limits) -> list[Commanded]:
-    """The nominal plan, then each formation's retreat and second try, with the taught goals."""
+    """The motions of the nominal plan, then of each formation's retreat and second try, with the
+    taught goals."""
     goals = taught.goals
     nominal = [(goals.step(f), False) for f in Formation]
     again = [(goals.step(f, retreat=True), True) for f in RECOVERABLE]
@@ -77,7 +79,8 @@ def plan_of(taught: Teaching, task: Task, limits: Limits) -> list[Commanded]:
 
 
 def bounds_of(taught: Teaching, limits: Limits) -> list[Bound]:
-    """How far recoveries may move each goal: by a step from the goal in force, in the workspace."""
+    """The bounds in which recoveries may move each goal: by a step from the goal in force, in the
+    workspace."""
     bounds = []
     for formation in RECOVERABLE:
         for axis in OWNED[formation]:
@@ -115,8 +118,8 @@ def above(taught: Teaching, task: Task, limits: Limits) -> Goals:
 
 
 def air(robot: Robot, taught: Teaching, task: Task, limits: Limits) -> Iterator[Outcome]:
-    """The nominal plan above the board, as `above` lifts it, one formation after the other. It ends
-    early, with the outcome that says so, when something presses the wrist.
+    """Run the nominal plan above the board, as `above` lifts it, one formation after the other. It
+    ends early, with the outcome that says so, when something presses the wrist.
 
     Raises:
         InputError: the workspace has no room for that.
@@ -159,7 +162,7 @@ class _Notes:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """There is nothing to halt."""
+        """End the context: there is nothing to halt."""
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
         none = np.zeros(0)
@@ -178,10 +181,10 @@ class _Notes:
         return motion
 
     def settle(self, seconds: float) -> None:
-        """Paper is patient."""
+        """Do nothing: on paper no time passes."""
 
     def tare(self) -> None:
-        """Nothing presses."""
+        """Do nothing: nothing presses."""
 
     def clock(self) -> float:
         return 0.0
@@ -190,4 +193,4 @@ class _Notes:
         return Observation(time_s=0.0, pose=self.pose, compression_m=0.0, views={})
 
     def halt(self) -> None:
-        """It stands already."""
+        """Do nothing: the robot on paper stands already."""

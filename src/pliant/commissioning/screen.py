@@ -1,4 +1,4 @@
-"""What `pliant teach` shows: formations, pose, what the picture measures, the picture itself in
+"""The screen of `pliant teach`: formations, pose, what the picture measures, the picture itself in
 half blocks, and the keys. It fits 80 columns by 24 rows, and grows with the terminal."""
 
 import math
@@ -35,7 +35,7 @@ def render(
     title: str,
     size: tuple[int, int],
 ) -> RenderableType:
-    """The whole screen, `size` (columns, rows)."""
+    """The whole screen of `pliant teach`, `size` (columns, rows)."""
     columns, rows = size
     left = Group(_formations(session), Text(), _pose(session, observation), _seen(scene))
     body = Table.grid(padding=(0, 1))
@@ -128,12 +128,12 @@ def _seen(scene: Scene) -> Text:
 
 
 def _tenth(value: float) -> str:
-    """To one decimal, without a minus before zero."""
+    """A number to one decimal, without a minus before zero."""
     return f"{round(value, 1) + 0.0:.1f}"
 
 
 def _help(columns: int) -> Text:
-    """The keys, as many to a line as fit."""
+    """The keys of `pliant teach` in words, as many to a line as fit."""
     text, used = Text(), 0
     for key, meaning in HELP:
         length = len(key) + 1 + len(meaning) + 3

@@ -32,36 +32,36 @@ class Record:
 
 @dataclass(frozen=True)
 class MoveTo:
-    """Go straight to a pose."""
+    """A command to go straight to a pose."""
 
     pose: Pose
 
 
 @dataclass(frozen=True)
 class Guide:
-    """Let a hand lead the arm, or hold it again."""
+    """A command to let a hand lead the arm, or to hold it again."""
 
     on: bool
 
 
 @dataclass(frozen=True)
 class Take:
-    """Come to rest, look, and record."""
+    """A command to come to rest, look, and record."""
 
 
 @dataclass(frozen=True)
 class Tare:
-    """Count compression from here."""
+    """A command to count compression from here."""
 
 
 @dataclass(frozen=True)
 class Finish:
-    """Write the goals."""
+    """A command to write the goals."""
 
 
 @dataclass(frozen=True)
 class Quit:
-    """Halt and end."""
+    """A command to halt and end."""
 
 
 Command = MoveTo | Guide | Take | Tare | Finish | Quit
@@ -69,8 +69,8 @@ Command = MoveTo | Guide | Take | Tare | Finish | Quit
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Session:
-    """Where the arm is told to be, which formation is being taught (None: all are), the step sizes,
-    and everything recorded, oldest first."""
+    """The state of teaching: where the arm is told to be, which formation is being taught (None:
+    all are), the step sizes, and everything recorded, oldest first."""
 
     at: Pose
     log: tuple[Record, ...] = ()
@@ -99,16 +99,16 @@ class Session:
         }
 
     def stale(self) -> list[Formation]:
-        """What was taught at a pose that an earlier formation, taught since, has changed."""
+        """The formations taught at a pose that an earlier formation, taught since, has changed."""
         return [f for f in Formation if f in self.records and self._is_stale(f)]
 
     def open(self) -> list[Formation]:
-        """What is still to be taught, or to be taught again."""
+        """The formations that are still to be taught, or to be taught again."""
         return [f for f in Formation if f not in self.records or self._is_stale(f)]
 
     def teaching(self, peg: str, colours: Colours = SIMULATED) -> Teaching:
-        """What was taught, with `peg`'s name or file, in pictures of these `colours`. Everything
-        must have been."""
+        """The taught goals and their pictures, with `peg`'s name or file, in these `colours`. Every
+        formation must have been taught."""
         records = self.records
         goals = {f: {axis: records[f].goal[axis] for axis in OWNED[f]} for f in Formation}
         shown = {
@@ -122,7 +122,7 @@ class Session:
 
 
 def begin(pose: Pose, log: tuple[Record, ...] = ()) -> Session:
-    """Teaching from the measured pose, going on with what was recorded before."""
+    """Begin teaching from the measured pose, going on with what was recorded before."""
     session = _onward(Session(at=_tidied(pose), log=log))
     count = len(session.records)
     return _say(session, f"going on: {count} of {len(Formation)} are taught") if log else session
@@ -131,7 +131,7 @@ def begin(pose: Pose, log: tuple[Record, ...] = ()) -> Session:
 def decide(
     session: Session, intent: Intent, limits: Limits, *, can_guide: bool = False
 ) -> tuple[Session, Command | None]:
-    """What a key does: the next state, and what the robot is to do."""
+    """Answer a key with the next state and, where the robot is to act, a command."""
     if session.is_guided and intent not in (Do.GUIDE, Do.QUIT):
         return _say(session, "the arm is led by hand: f holds it again"), None
     match intent:
@@ -172,8 +172,8 @@ def decide(
 
 
 def moved(session: Session, target: Pose, motion: Motion) -> Session:
-    """A motion to `target` has ended. Where the wrist stopped it, the axes that moved are where
-    they were measured."""
+    """The state after a motion to `target` has ended. Where the wrist stopped it, the axes that
+    moved are where they were measured."""
     if motion.stop is Stop.REACHED:
         return replace(session, at=target, note="")
     turned = {axis: motion.ended[axis] for axis in Axis if session.at[axis] != target[axis]}
@@ -186,7 +186,7 @@ def moved(session: Session, target: Pose, motion: Motion) -> Session:
 
 
 def tared(session: Session, observation: Observation, *, loaded: bool) -> Session:
-    """Compression counts from here; not where the wrist is loaded."""
+    """The state after taring: compression counts from here; not where the wrist is loaded."""
     if loaded:
         pressed = observation.compression_m * 1e3
         return _say(
@@ -196,8 +196,8 @@ def tared(session: Session, observation: Observation, *, loaded: bool) -> Sessio
 
 
 def taken(session: Session, observation: Observation, scene: Scene) -> Session:
-    """The picture for the formation that is being taught. Without peg or hole it is of no use to a
-    trial, and is not recorded."""
+    """The state after a picture was taken for the formation that is being taught. Without peg or
+    hole it is of no use to a trial, and is not recorded."""
     if session.formation is None:
         return session
     if scene.peg is None or scene.hole is None:
@@ -216,7 +216,8 @@ def taken(session: Session, observation: Observation, scene: Scene) -> Session:
 
 
 def guided(session: Session, on: bool, pose: Pose) -> Session:
-    """A hand leads the arm from now on, or it is held again at the measured `pose`."""
+    """The state with a hand leading the arm from now on, or with the arm held again at the measured
+    `pose`."""
     if on:
         return _say(replace(session, is_guided=True), "lead the arm by hand; f holds it again")
     return replace(session, is_guided=False, at=_tidied(pose), note="the arm is held")
@@ -260,7 +261,7 @@ def _jump(session: Session, by: int) -> Session:
 
 
 def _onward(session: Session) -> Session:
-    """To the first formation that is open."""
+    """The session at the first formation that is open."""
     return replace(session, formation=next(iter(session.open()), None))
 
 
@@ -269,7 +270,7 @@ def _say(session: Session, note: str) -> Session:
 
 
 def _tidied(pose: Pose) -> Pose:
-    """To a tenth of a millimetre or degree: a goal needs no noise in its digits."""
+    """A pose rounded to a tenth of a millimetre or degree: a goal needs no noise in its digits."""
     return Pose().updated(
         {axis: axis.from_report(round(axis.to_report(pose[axis]), 1) + 0.0) for axis in Axis}
     )

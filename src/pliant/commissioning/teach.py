@@ -42,7 +42,7 @@ class Hand(Protocol):
 
 
 class Presses(Protocol):
-    """Where keys come from."""
+    """A source of pressed keys."""
 
     def wait(self, seconds: float) -> list[str]: ...
 
@@ -52,7 +52,7 @@ Show = Callable[[s.Session, Observation, Scene], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """What is taught, and where it goes: the goals file, and the draft beside it."""
+    """The place of what is taught: the goals file, and the draft beside it."""
 
     out: Path
     cell: Path | None  # its file; None: the simulated one
@@ -77,7 +77,8 @@ class Place:
 
 
 class Teacher:
-    """Carries out what the keys ask for. Use it within the robot's own context."""
+    """Carry out what the keys ask for while goals are taught. Use it within the robot's own
+    context."""
 
     def __init__(
         self,
@@ -104,12 +105,12 @@ class Teacher:
         self.is_over = self.is_written = False
 
     def look(self) -> None:
-        """See where everything is now."""
+        """Observe the robot and measure the picture."""
         self.observation = self._robot.observe()
         self.scene = measure(self.observation.views["side"], self._task, self._colours)
 
     def press(self, key: str) -> bool:
-        """Do what a key asks for; whether the arm was moved."""
+        """Do what a key asks for; return whether the arm was moved."""
         intent = INTENTS.get(key)
         if intent is None:
             return False
@@ -124,7 +125,8 @@ class Teacher:
         return isinstance(command, s.MoveTo | s.Guide)
 
     def idle(self) -> None:
-        """Nothing was pressed: look again, and hold an arm that a hand led out of the workspace."""
+        """Look again as no key was pressed, and hold an arm that a hand led out of the
+        workspace."""
         self._robot.settle(_AFTER_MOTION_S)
         self.look()
         pose = self.observation.pose
@@ -165,7 +167,7 @@ class Teacher:
                 self.is_over = True
 
     def _write(self) -> None:
-        """The goals file is read back before the draft goes."""
+        """Write the goals file, and read it back before the draft goes."""
         self._place.check()
         taught = self.session.teaching(self._place.peg, self._colours)
         try:
@@ -181,7 +183,7 @@ class Teacher:
 
 
 def teach(teacher: Teacher, presses: Presses, show: Show) -> bool:
-    """Obey keys until the goals are written, which is True, or the person ends."""
+    """Obey keys until the goals are written or the person ends; return whether they are written."""
     while not teacher.is_over:
         show(teacher.session, teacher.observation, teacher.scene)
         pressed = presses.wait(_IDLE_S)
@@ -196,7 +198,7 @@ def teach(teacher: Teacher, presses: Presses, show: Show) -> bool:
 
 
 def _press_until_it_moves(teacher: Teacher, pressed: Iterable[str]) -> bool:
-    """Whether it moved; the keys after that are dropped."""
+    """Press the keys until one moves the arm, and drop those after it; return whether it moved."""
     return any(not teacher.is_over and teacher.press(key) for key in pressed)
 
 

@@ -19,7 +19,7 @@ _OFF = b"\x00"
 
 
 class Keys:
-    """The keys that are pressed. A terminal that has gone away presses q."""
+    """The keys that a person presses at the terminal. A terminal that has gone away presses q."""
 
     def __init__(self, file: int) -> None:
         self._file = file
@@ -50,7 +50,7 @@ class Keys:
         return found
 
     def interrupt(self, _number: int, _frame: FrameType | None) -> None:
-        """A signal's handler."""
+        """Handle a signal."""
         self._is_interrupted = True
         raise KeyboardInterrupt
 
@@ -59,7 +59,8 @@ class Keys:
 
 
 def check_terminal() -> None:
-    """Raises InputError when standard input or output is not a terminal."""
+    """Check that there is a terminal. Raises InputError when standard input or output is not
+    one."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise InputError("keys are read from a terminal, and this is none: use ssh -t, and no pipe")
 

@@ -1,4 +1,5 @@
-"""What both environments share: options checked once, seeds, the truth for `info`, pictures."""
+"""The parts that both environments share: options checked once, seeds, the truth for `info`,
+pictures."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -38,7 +39,7 @@ def check_options(options: dict[str, Any] | None) -> None:
 
 
 def check_action(action: object, size: int) -> NDArray[np.float64]:
-    """The action (size,), cut to -1 to 1.
+    """Check an action (size,), and cut it to -1 to 1.
 
     Raises:
         InputError: it has another shape, or is not finite.
@@ -52,7 +53,8 @@ def check_action(action: object, size: int) -> NDArray[np.float64]:
 
 
 def known(truth: Truth, setup: Setup) -> dict[str, Any]:
-    """The truth as `info["truth"]`: for rewards, plots and privileged critics, not for a policy."""
+    """The truth as the environments' `info["truth"]`: for rewards, plots and privileged critics,
+    not for a policy."""
     return {
         "inserted": bool(truth.inserted),
         "fit": bool(truth.fit),

@@ -50,23 +50,24 @@ FIELDS: Mapping[str, tuple[float, float]] = {
     "recoveries": (0.0, 40.0),
     "failures": (0.0, 40.0),
 }
-"""What `numbers` gives, in order, with each value's bounds."""
+"""The names of the values that `numbers` gives, in order, each with its bounds."""
 
 ACTION = ("start", "retreat", "fit_y", "align_y", "insertion_z")
-"""What an action holds, each from -1 to 1: the formation that the plan starts from (below -1/3 Fit,
-to 1/3 Align, above it Insertion), whether to retreat first (above 0), and by how much the goals in
-force change, as parts of `MOST`. A change before the start is ignored."""
+"""The names of an action's values, each from -1 to 1: the formation that the plan starts from
+(below -1/3 Fit, to 1/3 Align, above it Insertion), whether to retreat first (above 0), and by how
+much the goals in force change, as parts of `MOST`. A change before the start is ignored."""
 
 MOST: Mapping[Formation, float] = {
     Formation.FIT: 0.040,
     Formation.ALIGN: 0.040,
     Formation.INSERTION: 0.010,
 }
-"""The change of a goal at 1 [m]: of y for Fit and Align, of z for Insertion."""
+"""The change of a goal that an action's value 1 stands for [m]: of y for Fit and Align, of z for
+Insertion."""
 
 
 def numbers(case: Case, verdict: Verdict) -> NDArray[np.float32]:
-    """What a case holds, as numbers (len(FIELDS),) within the bounds of `FIELDS`."""
+    """A case as numbers (len(FIELDS),) within the bounds of `FIELDS`."""
     outcome, belief = case.outcome, case.belief
     peg, hole = outcome.scene.peg, outcome.scene.hole
     seen, pose = outcome.looks[-1].observation, outcome.pose
@@ -138,5 +139,5 @@ def _vote(case: Case, name: str) -> float:
 
 
 def _last_failures(verdicts: list[bool]) -> int:
-    """Failures in a row at the end."""
+    """The number of failures in a row at the end of the verdicts."""
     return next((n for n, success in enumerate(reversed(verdicts)) if success), len(verdicts))

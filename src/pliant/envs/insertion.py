@@ -141,8 +141,8 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         return self._observe(robot, Stop.REACHED), info
 
     def step(self, action: NDArray[Any]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One motion. `info` has how it ended (`stop`), the robot's `time_s`, what a `fault` said,
-        and the `truth`, which is not for a policy."""
+        """Make one motion. `info` has how it ended (`stop`), the robot's `time_s`, what a `fault`
+        said, and the `truth`, which is not for a policy."""
         robot = self._ready()
         changes = check_action(action, len(self._axes)) * self._scale
         stop, fault = Stop.REACHED, ""
@@ -176,7 +176,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         return self._robot
 
     def _play_taught(self, robot: SimRobot) -> None:
-        """The taught skills before the start, without looking."""
+        """Run the taught skills before the start, without looking."""
         skill = PlanarSkills(taught=self._goals)
         guarded = Guarded(robot, self._limits)
 
@@ -260,6 +260,7 @@ def _formations(start: str) -> tuple[Formation, ...]:
 
 
 def _potential(truth: Truth, depth: float) -> float:
-    """Of the shaped reward: how near the tip is to `depth` [m] in the middle of the hole."""
+    """The potential of the shaped reward, from how near the tip is to `depth` [m] in the middle of
+    the hole."""
     _, y, _ = truth.tip
     return -SHAPING * math.hypot(y - truth.hole_y, truth.depth_m - depth)

@@ -109,9 +109,9 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
     def step(
         self, action: NDArray[Any]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """One decision. `info` has why steps of it were `refused`, the `formation` and the `reason`
-        of the last verdict, `executions` so far, the loop's `end_reason`, what a `fault` said, and
-        the `truth`, which is not for a policy."""
+        """Make one decision. `info` has why steps of it were `refused`, the `formation` and the
+        `reason` of the last verdict, `executions` so far, the loop's `end_reason`, what a `fault`
+        said, and the `truth`, which is not for a policy."""
         question = self.question
         values = check_action(action, len(ACTION))
         answer = as_recovery(values, question.case, question.verdict, NAME)
@@ -156,12 +156,12 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         self._go_on()
 
     def _go_on(self) -> None:
-        """To the next question, or to the end."""
+        """Run the trial to the next question, or to its end."""
         assert self._turns is not None, "a trial has begun"
         self._question = next((t for t in self._turns if isinstance(t, Question)), None)
 
     def _executions(self) -> int:
-        """Done so far, the one in question included."""
+        """The number of executions so far, the one in question included."""
         return len(self._run.history) + (self._question is not None)
 
     def _observe(self) -> NDArray[np.float32]:

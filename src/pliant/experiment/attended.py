@@ -18,7 +18,7 @@ from pliant.experiment.work import Job, recording
 from pliant.records import Execution, Trial
 
 SKIPPED = "fault:skipped"
-"""How a trial ends that the person leaves for later."""
+"""The end reason of a trial that the person leaves for later."""
 _ONCE_S = 5.0  # Ctrl-C again within this time is the same one
 
 
@@ -26,7 +26,7 @@ class Attendant(Protocol):
     """The person at the cell, between trials."""
 
     def begin(self, spec: Spec) -> None:
-        """This trial is the next."""
+        """Tell the person that this trial is the next."""
         ...
 
     def label(self, trial: Trial, picture: Path) -> bool | None:
@@ -47,7 +47,7 @@ class Attended:
     def __init__(
         self, cell: Workcell, experiment: Experiment, attendant: Attendant | None = None
     ) -> None:
-        """Raises InputError when the experiment's goals cannot be used."""
+        """Load the experiment's goals. Raises InputError when they cannot be used."""
         self._cell, self._attendant = cell, attendant
         self._teaching, self._where = experiment.teaching(), experiment.where
         self._job: Job | None = None
@@ -78,7 +78,7 @@ class Attended:
         return [] if trial is None else [Ended(job=job, rows=rows_of(trial))]
 
     def close(self) -> None:
-        """The cell is its owner's to close."""
+        """Do nothing: the cell is its owner's to close."""
 
     def perform(
         self,
@@ -89,8 +89,8 @@ class Attended:
         replay: Path | None = None,
         on_execution: Callable[[Execution, Truth], None] | None = None,
     ) -> Trial | None:
-        """One trial, stored in the run's `folder`, with its label; None: left for later. The rest
-        is as for `one.perform`.
+        """Perform one trial and store it in the run's `folder`, with its label; None: left for
+        later. The rest is as for `one.perform`.
 
         Raises:
             KeyboardInterrupt: the person stopped; it says where the trial is kept, if it had begun.
@@ -136,7 +136,7 @@ class Attended:
         return self._kept(store.trial_folder(folder, trial.trial_id), trial)
 
     def _kept(self, folder: Path, trial: Trial) -> Trial:
-        """The trial with its label, stored; without it before the person is asked."""
+        """Store the trial, first without its label and then, once the person was asked, with it."""
         store.save_trial(folder, trial)
         if self._attendant is None or not trial.truths:
             return trial
@@ -146,7 +146,7 @@ class Attended:
 
 
 def labelled(trial: Trial, inserted: bool | None) -> Trial:
-    """A trial with a person's label: of the last thing that was seen in it."""
+    """The trial with a person's label on the last thing that was seen in it."""
     if not trial.truths:
         return trial
     *before, last = trial.truths

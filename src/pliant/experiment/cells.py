@@ -1,4 +1,5 @@
-"""What an experiment holds: cells (peg, condition, reasoner), seeds, and their fingerprint."""
+"""The definition of an experiment: cells (peg, condition, reasoner), seeds, and their
+fingerprint."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -55,8 +56,8 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """Cells of a table times seeds. `goals` is a taught goals file, or None for those of the
-    workcell `where`.
+    """An experiment: cells of a table times seeds. `goals` is a taught goals file, or None for
+    those of the workcell `where`.
 
     Raises:
         InputError: there are no cells, two of them would share their trials' names, a number is
@@ -95,7 +96,7 @@ class Experiment:
                 yield cell.spec(seed)
 
     def teaching(self) -> Teaching:
-        """Raises InputError when the goals file cannot be used."""
+        """The taught goals. Raises InputError when the goals file cannot be used."""
         goals = self.where.goals if self.goals is None else Path(self.goals)
         if goals is None:
             return teaching.shipped()
@@ -107,7 +108,8 @@ class Experiment:
         return [str(c.vlm.model) for c in self.cells if c.vlm is not None]
 
     def check_models(self) -> None:
-        """Raises InputError when a model is unknown, or its library or key is missing."""
+        """Check the models to be asked. Raises InputError when one is unknown, or its library or
+        key is missing."""
         for settings in {c.vlm for c in self.cells if c.vlm is not None}:
             make_vlm(settings)
 
@@ -139,7 +141,7 @@ class Experiment:
 
     @property
     def expected(self) -> dict[tuple[str, str], dict[str, Any]]:
-        """What a worker must find installed, by reasoner and method. Nothing where no worker
+        """The installation that a worker must find, by reasoner and method; empty where no worker
         simulates."""
         if self.where.kind != "sim":
             return {}
@@ -157,6 +159,6 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 
 
 def whole(name: str, value: Any, least: int, most: int) -> None:
-    """Raises InputError where a value is no whole number from `least` to `most`."""
+    """Check a number. Raises InputError where it is no whole number from `least` to `most`."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise InputError(f"{name} is {value!r}: it must be a whole number from {least} to {most}")

@@ -28,7 +28,7 @@ KINDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """One column: `unit` is empty where there is none."""
+    """One column of a table of results: `unit` is empty where there is none."""
 
     name: str
     type: pa.DataType

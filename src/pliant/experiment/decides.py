@@ -1,4 +1,4 @@
-"""What decides a trial's outcome beside its spec, as content hashes and versions.
+"""Everything beside its spec that decides a trial's outcome, as content hashes and versions.
 
 The fingerprint of an experiment holds it, so that a folder's trials were all made by the same; a
 worker compares it with its own, so that they are, on whatever machine.
@@ -44,8 +44,8 @@ _DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py")  # of the experiment'
 
 
 def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:
-    """What is installed here, as JSON: with the robots' `models` where it is simulated, and with
-    the library of a `vlm` where one is asked.
+    """The installation on this machine, as JSON: with the robots' `models` where it is simulated,
+    and with the library of a `vlm` where one is asked.
 
     Raises:
         InputError: a robot model cannot be read.
@@ -65,14 +65,15 @@ def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:
 
 
 def expected(spec: Spec) -> dict[str, Any]:
-    """What a worker that simulates this trial must find to be so where it is."""
+    """The installation that a worker must have to simulate this trial, with the hashes of a user's
+    own files."""
     found = installation(vlm=spec.vlm is not None)
     own = {"reasoner_file": spec.reasoner, "method_file": spec.method}
     return {**found, **{what: own_file_hash(name) for what, name in own.items()}}
 
 
 def check(spec: Spec, wanted: Mapping[str, Any]) -> None:
-    """See that this process would perform a trial as the one that planned it.
+    """Check that this process would perform a trial as the one that planned it.
 
     Raises:
         InputError: something that decides its outcome is another here.
@@ -99,8 +100,8 @@ def digest(*parts: bytes) -> str:
 
 
 def own_file_hash(name: str) -> str | None:
-    """Content hash of a user's own file, of a reasoner or a method; None: the name is another's.
-    What that file imports is not followed."""
+    """Content hash of a user's own file, of a reasoner or a method; None: the name is no such
+    file's. What that file imports is not followed."""
     own = own_file(name)
     return digest(own[0].read_bytes()) if own is not None and own[0].is_file() else None
 

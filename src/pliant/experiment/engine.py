@@ -1,4 +1,4 @@
-"""Where trials are performed: spawned processes of this machine, one trial each at a time.
+"""Engines that perform trials: spawned processes of this machine, one trial each at a time.
 
 An engine takes jobs and says, in any order, how each ended. It knows which worker holds which
 trial, so a death or a time-out costs that trial alone and names it.
@@ -27,7 +27,7 @@ _JOIN_S = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """How a job ended: with its rows, or with a problem ("worker", "timeout", "error")."""
+    """The end of a job: with its rows, or with a problem ("worker", "timeout", "error")."""
 
     job: Job
     rows: Rows | None = None
@@ -36,7 +36,7 @@ class Ended:
 
 
 class Engine(Protocol):
-    """Performs jobs, at most `capacity` in flight."""
+    """An engine performs jobs, at most `capacity` in flight."""
 
     @property
     def capacity(self) -> int: ...
@@ -44,7 +44,7 @@ class Engine(Protocol):
     def in_flight(self) -> int: ...
     def start(self, job: Job) -> None: ...
     def wait(self, seconds: float) -> list[Ended]:
-        """Those that ended, after at most `seconds`. Raises InputError if none ever can."""
+        """The jobs that ended, after at most `seconds`. Raises InputError if none ever can."""
         ...
 
     def close(self) -> None:
@@ -63,7 +63,8 @@ def answer(work: Work, job: Job) -> tuple[str, Any]:
 
 
 def ended(job: Job, kind: str, content: Any) -> Ended:
-    """What an `answer` means. Raises InputError for one that every job would give."""
+    """Turn an `answer` into the end of its job. Raises InputError for one that every job would
+    give."""
     if kind == "refused":
         raise InputError(content)
     if kind == "rows":
@@ -72,7 +73,7 @@ def ended(job: Job, kind: str, content: Any) -> Ended:
 
 
 class Local:
-    """Spawned worker processes; one that dies or overstays is replaced."""
+    """An engine of spawned worker processes; one that dies or overstays is replaced."""
 
     def __init__(self, work: Work, *, workers: int, time_limit_s: float) -> None:
         self._work = work
@@ -172,7 +173,7 @@ class Local:
 
 
 def _of_what(status: int | None) -> str:
-    """An exit status, with what it means most of the time."""
+    """A worker's exit status in words, with what it means most of the time."""
     often = {-signal.SIGSEGV: ": it crashed", -signal.SIGABRT: ": it crashed"}
     if hasattr(signal, "SIGKILL"):
         often[-signal.SIGKILL] = ": it was killed, as happens where memory runs out"
@@ -191,7 +192,7 @@ class _Worker:
 
 
 def _serve(connection: Connection, work: Work) -> None:
-    """A worker's life: it ends when the driver closes the pipe, or is gone."""
+    """Run a worker process: it ends when the driver closes the pipe, or is gone."""
     signals.work_for_parent()
     try:
         connection.send(("ready", None))

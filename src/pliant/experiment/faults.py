@@ -32,7 +32,7 @@ UNMEASURED: Mapping[str, str] = {
     "camera": "no picture came in time",
     "safeguard_stop": "a door or a scanner",
 }
-"""The kinds after which nothing of the method was measured."""
+"""The kinds of fault after which nothing of the method was measured."""
 
 _SHOWN = 60  # [characters] of a wrong answer
 
@@ -43,24 +43,24 @@ def is_fault(trial: Mapping[str, Any]) -> bool:
 
 
 def is_unmeasured(end_reason: str) -> bool:
-    """Whether a trial that ended so says nothing of the method."""
+    """Whether a trial with this end reason says nothing of the method."""
     return end_reason.startswith(PREFIX) and end_reason.removeprefix(PREFIX) in UNMEASURED
 
 
 def told(trial: Mapping[str, Any]) -> str:
-    """How a faulted trial ended and what was said: "fault:timeout: it took longer than ..."."""
+    """The end of a faulted trial with what was said: "fault:timeout: it took longer than ..."."""
     end, said = str(trial["end_reason"]), trial.get("fault")
     return f"{end}: {said}" if said else end
 
 
 def by_text(trials: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What was said of faulted trials and how often, the commonest first."""
+    """The texts of faulted trials and how often each occurs, the commonest first."""
     counts = Counter(told(trial) for trial in trials)
     return [{"text": text, "n": n} for text, n in counts.most_common()]
 
 
 class ReasonerFault(PliantError):
-    """A reasoner raised something, or answered what is no answer."""
+    """The error that a reasoner raised something, or answered what is no answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ def _heeded() -> Iterator[None]:
 
 
 def _see(found: object, kind: type, what: str, where: object) -> None:
-    """Refuse what could not be acted upon, or not be stored."""
+    """Refuse an answer of a reasoner that could not be acted upon, or not be stored."""
     if isinstance(found, kind):
         return
     code = getattr(where, "__code__", None)

@@ -27,7 +27,8 @@ from pliant.files import write_bytes
 
 FILE = store.JOURNAL
 OUTDATED = ".outdated"
-"""Stands beside the journal while the Parquet files may say what lines said before."""
+"""The name of a file that stands beside the journal while the Parquet files may say what lines said
+before."""
 _APPEND = os.O_RDWR | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)  # never through a link
 _ROWS, _CRC = b',"rows":', b',"crc":'
 _MOST_LINE = 1 << 26  # [bytes]
@@ -38,8 +39,8 @@ _BUFFER = 1 << 18  # [bytes]; Python's own is shorter than a line, which makes r
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A whole line: whose it is, what came of it, and where in the file it starts [bytes]. `fault`
-    says why nothing was measured; empty: it was."""
+    """A whole line of the journal: whose it is, what came of it, and where in the file it starts
+    [bytes]. `fault` says why nothing was measured; empty: it was."""
 
     trial_id: str
     inserted: bool | None
@@ -48,7 +49,8 @@ class Entry:
 
 
 def scan(path: Path) -> Iterator[Entry]:
-    """Every whole line in file order, checked but not parsed: memory stays at one line.
+    """Every whole line of a journal in file order, checked but not parsed: memory stays at one
+    line.
 
     Raises:
         InputError: the file cannot be read, or a line that is not the last is damaged.
@@ -100,7 +102,7 @@ def rows_at(path: Path, offsets: Iterator[int]) -> Iterator[Rows]:
 
 
 class Busy(InputError):
-    """Another process is writing to the journal."""
+    """The error that another process is writing to the journal."""
 
 
 class Journal:
@@ -185,7 +187,8 @@ def encoded(rows: Rows) -> bytes:
 
 
 def _fault(line: bytes, path: Path) -> str:
-    """Only a line that has the mark of one is parsed; in a string its quotes would be escaped."""
+    """The fault that a line tells of. Only a line that has the mark of one is parsed; in a string
+    its quotes would be escaped."""
     if _FAULT not in line:
         return ""
     trial = _rows(line, path).trial
@@ -208,7 +211,7 @@ def _damaged(number: int | None, path: Path) -> InputError:
 
 
 def _entry(line: bytes, offset: int, number: int, path: Path) -> Entry:
-    """The head of a line. Its checksum only says that it is as somebody wrote it."""
+    """The entry at the head of a line. Its checksum only says that it is as somebody wrote it."""
     match _parsed(line.partition(_ROWS)[0] + b"}"):
         case {"trial_id": str(trial_id), "inserted": bool() | None as inserted}:
             fault = _fault(line, path)
@@ -217,7 +220,7 @@ def _entry(line: bytes, offset: int, number: int, path: Path) -> Entry:
 
 
 def _parsed(text: bytes) -> Any:
-    """JSON's values; None where it is none."""
+    """The values of a JSON text; None where it is none."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
@@ -233,7 +236,8 @@ def _rows(line: bytes, path: Path) -> Rows:
 
 
 def _lock(file: int, path: Path) -> None:
-    """One writer: the lock is the process's, and goes with it, however it ends."""
+    """Lock the journal for one writer: the lock is the process's, and goes with it, however it
+    ends."""
     if sys.platform == "win32":
         return
     import fcntl
@@ -252,7 +256,8 @@ def _lock(file: int, path: Path) -> None:
 
 
 def _see_that_it_keeps(file: int, path: Path) -> None:
-    """Before anything moves: a trial whose end cannot be written down is lost."""
+    """Try, before anything moves, what keeping a line needs: a trial whose end cannot be written
+    down is lost."""
     free = shutil.disk_usage(path.parent).free
     if free < _LEAST_FREE:
         raise InputError(

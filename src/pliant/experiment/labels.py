@@ -15,8 +15,8 @@ Ask = Callable[[Trial, Path], bool | None]
 
 def label(folder: Path, ask: Ask) -> tuple[int, int]:
     """Ask for the label of each trial that lacks one and was kept; `ask` gets it and its last
-    picture, and may raise KeyboardInterrupt to stop. How many were labelled, and how many are still
-    not. Each answer is on the disk before the next question.
+    picture, and may raise KeyboardInterrupt to stop. Return how many were labelled, and how many
+    are still not. Each answer is on the disk before the next question.
 
     Raises:
         InputError: it is no run's folder, its journal is damaged or in use, a record is broken, or

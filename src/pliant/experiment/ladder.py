@@ -16,8 +16,8 @@ _Key = tuple[str, str, str]  # level, method, reasoner
 
 
 def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
-    """Success, wrong verdicts, motions and simulated time of each level; empty for the paper's
-    grid with the paper's method, which Table II shows."""
+    """A row per level, skill set and reasoner: success, wrong verdicts, motions and simulated time;
+    empty for the paper's grid with the paper's method, which Table II shows."""
     groups = [(k, g) for k, g in _groups(trials) if not _is_scenario(k[0])]
     papers = (PAPERS_LEVEL, shipped_levels()[PAPERS_LEVEL].method)
     if all(key[:2] == papers for key, _ in groups):
@@ -26,7 +26,8 @@ def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
 
 
 def scenarios(trials: Iterable[Row]) -> list[dict[str, Any]]:
-    """How the trials of each scenario ended, and how many of them as is right there."""
+    """A row per scenario, skill set and reasoner: how the trials ended, and how many of them as is
+    right there."""
     return [_scenario(key, group) for key, group in _groups(trials) if _is_scenario(key[0])]
 
 
@@ -103,7 +104,8 @@ def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
 
 
 def _has_stopped(end_reason: str) -> bool:
-    """By the reasoner, or by what watches the wrist: each says what is wrong."""
+    """Whether a trial was stopped by the reasoner, or by what watches the wrist: each says what is
+    wrong."""
     return end_reason == End.STOPPED or end_reason in STOPPED_BY
 
 

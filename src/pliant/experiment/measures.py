@@ -1,4 +1,5 @@
-"""What the tables are made of: counts over the rows of trials.parquet and executions.parquet.
+"""Measures that the tables are made of: counts over the rows of trials.parquet and
+executions.parquet.
 
 Every function is pure and takes rows as dicts, so that a table is a function of the stored records
 alone. A trial in which nothing was measured (`faults` says which) is left out of everything but the
@@ -26,7 +27,8 @@ _NO_CORRECTION_M = 0.0001  # goals of Align closer than this are the same goal
 
 
 def inserted(trial: Row) -> bool | None:
-    """The paper's G; None where it is not known, or nothing was measured."""
+    """The paper's G, whether the peg is inserted; None where it is not known, or nothing was
+    measured."""
     if faults.is_fault(trial):
         return None
     if trial["inserted"] is None and str(trial["end_reason"]).startswith(faults.PREFIX):
@@ -62,7 +64,8 @@ def extra_executions(trials: Sequence[Row]) -> dict[str, float | None]:
 
 
 def transitions(executions: Iterable[Row]) -> dict[str, dict[str, int]]:
-    """How often a plan made after a failure of one formation began with which."""
+    """Counts of the formations with which plans began, by the failed formation after which they
+    were made."""
     counts: dict[str, Counter[str]] = {}
     for e in executions:
         if not e["verdict"] and e["proposed"]:
@@ -71,7 +74,8 @@ def transitions(executions: Iterable[Row]) -> dict[str, dict[str, int]]:
 
 
 def compare(first: Mapping[Any, bool], second: Mapping[Any, bool]) -> dict[str, Any] | None:
-    """Two methods on the trials that both have: keys say which trial, values whether inserted."""
+    """Compare two methods on the trials that both have: keys say which trial, values whether
+    inserted."""
     keys = first.keys() & second.keys()
     if not keys:
         return None
@@ -95,7 +99,8 @@ def compare(first: Mapping[Any, bool], second: Mapping[Any, bool]) -> dict[str, 
 
 
 def depths(trials: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Trials that ended at least so deep, whatever else; the depth in millimetres as key."""
+    """Rates of the trials that ended at least so deep, whatever else; the depth in millimetres as
+    key."""
     known = [t["depth_m"] for t in trials if t["depth_m"] is not None]
     return {f"{1e3 * d:g}": rate(depth >= d for depth in known) for d in DEPTHS_M}
 
@@ -113,15 +118,17 @@ def by_grasp_angle(trials: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def overshoot_cycles(executions: Sequence[Row]) -> int:
-    """Of one trial: how often one correction of Align's goal undid the direction of the last."""
+    """Count how often, in one trial, one correction of Align's goal undid the direction of the
+    last."""
     goals = [e["goal_y_m"] for e in executions if e["formation"] == Formation.ALIGN]
     moved = [b - a for a, b in pairwise(goals) if abs(b - a) > _NO_CORRECTION_M]
     return sum(a * b < 0 for a, b in pairwise(moved))
 
 
 def false_alignments(executions: Sequence[Row]) -> dict[str, int]:
-    """Of one trial: Align accepted; of these, false by the truth (the peg leans more than Table I
-    allows, or is not in the hole); of these, the next Insertion ended by the compression limit."""
+    """Counts in one trial: Align accepted; of these, false by the truth (the peg leans more than
+    Table I allows, or is not in the hole); of these, the next Insertion ended by the compression
+    limit."""
     accepted = false = stopped = 0
     for this, following in pairwise([*executions, None]):
         if this is None or this["formation"] != Formation.ALIGN or not this["verdict"]:
@@ -141,8 +148,8 @@ def false_alignments(executions: Sequence[Row]) -> dict[str, int]:
 
 
 def placed(trials: Sequence[Row]) -> tuple[float, float] | None:
-    """Where the hole was [mm] and how the peg was gripped [deg], if that was the same in all trials
-    and the friction was nobody's to change; None: something was drawn."""
+    """The hole's place [mm] and the peg's angle in the grasp [deg], if they were the same in all
+    trials and the friction was nobody's to change; None: something was drawn."""
     (friction, y, roll), *others = {
         (t["drawn_friction"], t["drawn_hole_y"], t["drawn_grasp_roll"]) for t in trials
     }
@@ -152,8 +159,8 @@ def placed(trials: Sequence[Row]) -> tuple[float, float] | None:
 
 
 def model_share(trials: Sequence[Row]) -> dict[str, Any] | None:
-    """What was a model's own: its share of the decisions [%], and the success of the model alone,
-    which stops where the rules would step in. None: no model was asked."""
+    """A model's own part in trials: its share of the decisions [%], and the success of the model
+    alone, which stops where the rules would step in. None: no model was asked."""
     decisions, made = (sum(t[name] for t in trials) for name in ("decisions", "own"))
     if not decisions:
         return None
@@ -182,7 +189,7 @@ def is_partly(share: Mapping[str, Any] | None) -> bool:
 
 
 def name(reasoner: str, share: Mapping[str, Any] | None) -> str:
-    """What to call a reasoner's trials, by its share of the decisions: where its model decided
+    """A name for a reasoner's trials, by its share of the decisions: where its model decided
     nothing, by who did."""
     if share is None or not is_undecided(share):
         return reasoner
@@ -190,5 +197,5 @@ def name(reasoner: str, share: Mapping[str, Any] | None) -> str:
 
 
 def kinds(trials: Iterable[Row]) -> dict[str, int]:
-    """How often each kind of failure."""
+    """Counts of each kind of failure."""
     return dict(Counter(t["failure_kind"] for t in trials if t["failure_kind"] is not None))

@@ -19,7 +19,7 @@ MISREAD_BY = 0.010  # [m] along y, to either side
 
 class Misread:
     """A sight (protocol `pliant.vision.sight.Sight`) that is wrong about the hole: in a trial's
-    share of the readings (`Setup.misread`), of which the seed decides, and in all by
+    share of the readings (`Setup.misread`), which the seed decides, and in all by
     `Setup.hole_misread`."""
 
     def __init__(self, sight: Sight, setup: Setup) -> None:

@@ -16,7 +16,8 @@ _AHEAD = 2  # jobs in flight per core: so that none waits for the driver
 
 
 class OnRay:
-    """The cluster's cores; every node needs pliant, and the run's folder if trials are saved.
+    """An engine that uses a Ray cluster's cores; every node needs pliant, and the run's folder if
+    trials are saved.
 
     Raises:
         InputError: Ray is not installed, or no cluster answers at the address.
@@ -70,7 +71,7 @@ class OnRay:
 
 
 def _within(time_limit_s: float, work: Work, job: Job) -> tuple[str, Any]:
-    """An answer, or the end of this process: the system's alarm needs no help from Python."""
+    """Answer a job in time, or end this process: the system's alarm needs no help from Python."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, time_limit_s)
     try:
@@ -90,7 +91,7 @@ def _import() -> Any:
 
 
 def _see_that_it_answers(address: str) -> None:
-    """Ray itself waits for minutes; an address with a port is knocked at first."""
+    """Knock at an address with a port first: Ray itself waits for minutes."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon or not port.isdecimal():
         return

@@ -28,15 +28,15 @@ from pliant.trial import Patience, Run
 from pliant.vision.measure import SIMULATED, Colours
 
 INTERRUPTED = "fault:interrupted"
-"""How a trial ends that the person stops."""
+"""The end reason of a trial that the person stops."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Which trial: everything that decides its outcome. `reasoner` is a name of `reasoners`, a
-    user's file with its folder; with `vlm` it is what this model with these settings is called.
-    `method` is a name of `methods`, or a user's file likewise. `level` is the rung or the scenario
-    that the task's hole and depth are of.
+    """A trial's specification: everything that decides its outcome. `reasoner` is a name of
+    `reasoners`, or a user's file with its folder; with `vlm` it is what this model with these
+    settings is called. `method` is a name of `methods`, or a user's file likewise. `level` is the
+    rung or the scenario that the task's hole and depth are of.
 
     Raises:
         InputError: no level has that name, or the task is on another.
@@ -69,8 +69,8 @@ class Spec:
         method: str | None = None,
         reasoner: str = "rules",
     ) -> Self:
-        """The trial that these names say. `peg` may be a peg file, `method` None is the level's,
-        and what the level draws is added to the condition.
+        """The specification of the trial that these names say. `peg` may be a peg file, `method`
+        None is the level's, and what the level draws is added to the condition.
 
         Raises:
             InputError: a name is unknown, or the peg file cannot be used.
@@ -88,7 +88,7 @@ class Spec:
 
     @property
     def reasoner_name(self) -> str:
-        """The reasoner as results name it: a user's file without its folder."""
+        """The reasoner's name in results: that of a user's file without its folder."""
         return self.reasoner if self.vlm is not None else short_name(self.reasoner)
 
     @property
@@ -112,8 +112,8 @@ def run(
     reasoner: str = "rules",
     cell: Workcell | None = None,
 ) -> Trial:
-    """One insertion, from its names, as `pliant run` does it. `cell` None: a simulated cell; one
-    that is given to several trials is compiled once.
+    """Run one insertion, from its names, as `pliant run` does it. `cell` None: a simulated cell;
+    one that is given to several trials is compiled once.
 
     Raises:
         InputError: a name is unknown, or a file that it says cannot be used.
@@ -239,7 +239,7 @@ def _reasoner(
     record: Path | None,
     replay: Path | None,
 ) -> Reasoner:
-    """A reasoner; only the oracle, which is a control, is given the truth."""
+    """Make a trial's reasoner; only the oracle, which is a control, is given the truth."""
     if spec.vlm is not None:
         return vlm(spec.vlm, name=spec.reasoner, limits=limits, record=record, replay=replay)
     if spec.reasoner == NAME:

@@ -23,7 +23,7 @@ _NO_BOX = (_NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE)
 
 @dataclass(frozen=True)
 class Oracle(Rules):
-    """Rules that plan from `truth`, the cell's, and `setup`, what was drawn."""
+    """The rules, planning from `truth`, the cell's, and `setup`, what was drawn."""
 
     name: str = NAME
     truth: Callable[[], Truth] | None = None
@@ -76,7 +76,7 @@ def _as_seen(truth: Truth, task: Task) -> Scene:
 
 
 def _surface_z(truth: Truth) -> float:
-    """Of the board, where the hole is [m]."""
+    """The height [m] of the board's surface where the hole is."""
     return truth.tip[2] + truth.depth_m
 
 

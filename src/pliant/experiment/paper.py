@@ -9,7 +9,7 @@ from typing import Any
 
 REASONER = "GPT-4o"
 BASELINE = "none"
-"""Our reasoner that is the paper's baseline without recovery; all others stand beside GPT-4o."""
+"""The reasoner that is the paper's baseline without recovery; all others stand beside GPT-4o."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,8 @@ def table4(hole_mm: float, angle_deg: float) -> PaperCell | None:
 
 
 def table3(peg: str) -> Mapping[str, Mapping[str, float]] | None:
-    """Percent from a failed formation to the first of its plan; the paper gives the circle's."""
+    """The paper's Table III for a peg: percent from a failed formation to the first of its plan;
+    the paper gives the circle's."""
     return _document()["table3_transitions_circle_percent"] if peg == "circle" else None
 
 

@@ -1,5 +1,5 @@
-"""An experiment from a cross product of names, or from a YAML file with the same fields and, where
-the cross product does not do, a list of cells:
+"""Plan an experiment from a cross product of names, or from a YAML file with the same fields and,
+where the cross product does not do, a list of cells:
 
     trials: 30
     cells:
@@ -130,26 +130,28 @@ def _planned(
 
 @dataclass(frozen=True)
 class _Given:
-    """A value, and where it stands in the experiment file; () where it was given otherwise."""
+    """A value of an experiment's field, and where it stands in the experiment file; () where it was
+    given otherwise."""
 
     value: Any
     place: files.Place = ()
 
     def each(self) -> "list[_Given]":
-        """The values, where it may be one or a list of them."""
+        """Each of the values, where it may be one or a list of them."""
         if not isinstance(self.value, list | tuple):
             return [self]
         places = [(*self.place, i) if self.place else () for i in range(len(self.value))]
         return [_Given(v, place) for v, place in zip(self.value, places, strict=True)]
 
     def read(self, reader: Callable[[Any], T]) -> T:
-        """What a function makes of the value. What it refuses is refused with the place."""
+        """Read the value with a function. What that refuses is refused with the value's place."""
         with within(*self.place):
             return reader(self.value)
 
 
 def _located(fields: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
-    """The fields with every path in them absolute. What is no name is left, to be refused."""
+    """The fields of an experiment with every path in them absolute. What is no name is left, to be
+    refused."""
     makers = {"peg": located_peg, "reasoner": located_own, "method": located_own}
     makers |= {many: makers[single] for many, single in _BLOCK.items() if single in makers}
 
@@ -169,7 +171,7 @@ def _located(fields: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
 
 
 def _listed_cells(given: Mapping[str, Any]) -> list[tuple[files.Place, dict[str, _Given]]]:
-    """The listed cells, each with where it stands."""
+    """The cells listed in an experiment file, each with where it stands."""
     listed = given.get("cells", [])
     if not isinstance(listed, list) or not all(isinstance(b, dict) for b in listed):
         with within("cells"):
@@ -259,7 +261,7 @@ def _reasoners_name(entry: Any) -> str:
 
 
 def _named(minds: list[_Given], ways: list[_Given], asked: Mapping[str, _Given]) -> Named:
-    """What the file itself names of the code that is run and of the models that are asked."""
+    """The code that is run and the models that are asked because the file itself names them."""
     code = [w.value for w in ways if w.place and w.value is not None and own_file(w.value)]
     servers = []
     for mind in minds:
@@ -279,7 +281,8 @@ def _named(minds: list[_Given], ways: list[_Given], asked: Mapping[str, _Given])
 
 
 def _see_that_it_can_be_made(entry: Any) -> None:
-    """Raises InputError where a name is no reasoner's, or its code cannot be run."""
+    """Check that a reasoner can be made. Raises InputError where a name is no reasoner's, or its
+    code cannot be run."""
     if isinstance(entry, str) and entry not in (VLM, oracle.NAME):
         reasoner(entry)
 

@@ -1,4 +1,4 @@
-"""What an experiment with a hosted model will cost, roughly, before it begins."""
+"""A rough estimate, before it begins, of the cost of an experiment with a hosted model."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,8 @@ _REPLY = 250  # tokens: a guess, models differ in how much they say
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """`usd` None: the price of a model is not known. A weak model fails more and costs more."""
+    """An estimate of a hosted model's use and cost. `usd` None: the price of a model is not known.
+    A weak model fails more and costs more."""
 
     trials: int
     requests: int
@@ -32,7 +33,7 @@ class Estimate:
 
 
 def estimate(experiment: Experiment) -> Estimate | None:
-    """The cost of all trials whose model is a hosted one; None: there are none."""
+    """Estimate the cost of all trials whose model is a hosted one; None: there are none."""
     cells = [c for c in experiment.cells if c.vlm is not None and c.vlm.base_url is None]
     if not cells:
         return None
@@ -52,7 +53,7 @@ def estimate(experiment: Experiment) -> Estimate | None:
 
 
 def _trial(cell: Cell) -> tuple[float, float, float]:
-    """Requests, tokens sent and tokens received in one trial."""
+    """The number of requests, tokens sent and tokens received in one trial."""
     settings = cell.vlm
     assert settings is not None
     requests = 0.0
@@ -68,7 +69,8 @@ def _trial(cell: Cell) -> tuple[float, float, float]:
 
 
 def _probe(cell: Cell) -> tuple[float, float, float]:
-    """The same of the request that is sent before the first trial."""
+    """The number of requests, tokens sent and tokens received for the probe before the first
+    trial."""
     assert cell.vlm is not None
     return 1.0, _PROBE + cell.vlm.picture * _PICTURE[cell.vlm.detail], _REPLY / 10
 
@@ -82,7 +84,8 @@ def _usd(cell: Cell, spent: tuple[float, float, float]) -> float | None:
 
 
 def _published(settings: Settings) -> tuple[float, float] | None:
-    """USD for a million tokens sent and received, from the list that the model library brings."""
+    """The published price in USD of a million tokens sent and received, from the list that the
+    model library brings."""
     from genai_prices import Usage, calc_price
 
     provider, _, name = (settings.model or "").partition(":")

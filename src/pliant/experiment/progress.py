@@ -1,4 +1,4 @@
-"""How far an experiment is: a bar and a line per cell on a terminal, a plain line now and then
+"""The progress of an experiment: a bar and a line per cell on a terminal, a plain line now and then
 elsewhere."""
 
 import time
@@ -20,7 +20,7 @@ _CELLS_SHOWN = 24  # more do not fit a screen: then those that are being worked 
 
 
 class Watcher(Protocol):
-    """What the runner tells as it goes. A context."""
+    """A watcher of a run, told by the runner as it goes. It is used as a context."""
 
     def __enter__(self) -> Self: ...
     def __exit__(
@@ -30,12 +30,12 @@ class Watcher(Protocol):
         traceback: TracebackType | None,
     ) -> None: ...
     def known(self, cell: int, inserted: bool | None, fault: str = "") -> None:
-        """A trial of that cell was finished before this start; `fault` says what kept it from being
-        measured."""
+        """Note that a trial of that cell was finished before this start; `fault` says what kept it
+        from being measured."""
         ...
 
     def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
-        """A trial of that cell is finished now."""
+        """Note that a trial of that cell is finished now."""
         ...
 
     def say(self, text: str) -> None: ...
@@ -49,7 +49,7 @@ class _Count:
 
 
 class Shown:
-    """Shows progress on a console."""
+    """A watcher that shows an experiment's progress on a console."""
 
     def __init__(self, experiment: Experiment, console: Console) -> None:
         self._experiment = experiment
@@ -146,7 +146,7 @@ class Shown:
 
 
 class Silent:
-    """Shows nothing."""
+    """A watcher that shows nothing."""
 
     def __enter__(self) -> Self:
         return self

@@ -100,7 +100,7 @@ def write_rows(folder: Path, rows: Iterable[Rows]) -> None:
 
 
 def read_trials(folder: Path) -> pa.Table:
-    """trials.parquet of a finished run, after `refresh`.
+    """Read trials.parquet of a finished run, after `refresh`.
 
     Raises:
         InputError: the file is missing, broken or larger than results are, or has another schema;
@@ -163,7 +163,8 @@ def _read(
 
 
 def _rows_at_once(found: pq.FileMetaData) -> int:
-    """As many rows as cannot take much memory, were each text as long as its column is packed."""
+    """The number of rows that cannot take much memory, were each text as long as its column is
+    packed."""
     groups = [found.row_group(n) for n in range(found.num_row_groups)]
     longest = max(
         (g.column(n).total_uncompressed_size for g in groups for n in range(g.num_columns)),

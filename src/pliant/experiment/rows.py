@@ -33,7 +33,7 @@ class Rows:
 
     @property
     def failed(self) -> bool:
-        """Worth a look: not inserted, not judged so, or ended by a fault."""
+        """Whether the trial is worth a look: not inserted, not judged so, or ended by a fault."""
         return self.trial["failure_kind"] is not None or not self.trial["judged"]
 
 
@@ -51,7 +51,7 @@ def rows_of(trial: Trial) -> Rows:
 
 
 def trial_row(trial: Trial) -> Row:
-    """The columns of trials.parquet."""
+    """A trial's row of trials.parquet."""
     counts = {
         f: sum(e.formation is f for e in trial.executions) for f in RECOVERABLE
     }  # Approach and Contact are not recovered from
@@ -119,7 +119,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") 
 
 
 def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> Row:
-    """The columns of executions.parquet; those left out are null."""
+    """An execution's row of executions.parquet; the columns left out are null."""
     outcome, verdict = execution.outcome, execution.verdict
     row: Row = {
         "trial_id": trial_id,
@@ -161,7 +161,8 @@ def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> R
 
 
 def failure_kind(trial: Trial) -> str | None:
-    """What went wrong, from the truth; None when nothing did or the truth is not known.
+    """The kind of a trial's failure, from the truth; None when nothing failed or the truth is not
+    known.
 
     In order: a fault after which nothing was measured is "fault", another "cell_fault"
     (`faults` says which); judged and not inserted "false_accept"; inserted and
@@ -209,8 +210,8 @@ def _truth(truth: Truth) -> Row:
 
 
 def _asked(trial: Trial) -> Row:
-    """How many decisions a model was asked for, how many were its own in the end, and what became
-    of others. Where the rules may not step in, the rest got no answer at all."""
+    """Counts of the decisions that a model was asked for, of those that were its own in the end,
+    and of what became of others. Where the rules may not step in, the rest got no answer at all."""
     plans = [e.recovery for e in trial.executions if e.recovery is not None]
     made: list[Decision] = [*(e.verdict for e in trial.executions), *plans]
     return {
@@ -222,7 +223,8 @@ def _asked(trial: Trial) -> Row:
 
 
 def decided(trial: Row) -> str:
-    """How much of a trial, given as its row, the model decided that was asked; empty: none was."""
+    """Say how much of a trial, given as its row, was decided by the model that was asked; empty:
+    none was."""
     asked, own, cut, rules = (trial[n] for n in ("decisions", "own", "clamped", "fallbacks"))
     if not asked:
         return ""
@@ -233,7 +235,7 @@ def decided(trial: Row) -> str:
 
 
 def exchanges(execution: Execution) -> list[Exchange]:
-    """What was asked of a model about an execution."""
+    """The exchanges with a model about an execution."""
     planned = execution.recovery
     return [*execution.verdict.exchanges, *(planned.exchanges if planned is not None else ())]
 
@@ -262,5 +264,6 @@ def _steps(steps: Iterable[Step]) -> list[Row]:
 
 
 def _number(value: float) -> float | None:
-    """JSON and tables have no NaN and no infinity: what is not finite was not measured."""
+    """A number, or None where it is not finite: JSON and tables have no NaN and no infinity, and
+    what is not finite was not measured."""
     return float(value) if math.isfinite(value) else None

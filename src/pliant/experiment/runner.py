@@ -1,4 +1,4 @@
-"""Runs an experiment into a folder: resumable, on local processes or on a Ray cluster.
+"""Run an experiment into a folder: resumable, on local processes or on a Ray cluster.
 
 The journal is the truth: a trial is finished when its line is on the disk. Whatever dies, the same
 command goes on from there, and the results do not depend on who performed what, or when.
@@ -37,7 +37,7 @@ _LOOK_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """What a call of `run` achieved: trials in all, finished by now, before it began, and of those
+    """The result of a call of `run`: trials in all, finished by now, before it began, and of those
     finished the ones in which nothing was measured. Not `complete`: it was interrupted, and the
     same call goes on."""
 
@@ -176,7 +176,7 @@ def run(
 
 
 class _Silent:
-    """Says, once for each cell, that a model decided nothing in a whole trial, and why."""
+    """Say, once for each cell, that a model decided nothing in a whole trial, and why."""
 
     def __init__(self, experiment: Experiment, say: Callable[[str], None]) -> None:
         self._experiment, self._say = experiment, say
@@ -194,14 +194,16 @@ class _Silent:
 
 
 class _First:
-    """Whether the first `n` trials that ended were all the same fault: then `stopped` says it."""
+    """A check whether the first `n` trials that ended were all the same fault: then `stopped` says
+    it."""
 
     def __init__(self, n: int) -> None:
         self.n, self.stopped = n, ""
         self._texts: list[str] | None = []
 
     def are_all(self, fault: str) -> bool:
-        """Tell how the next trial ended; empty: with no fault."""
+        """Tell how the next trial ended (empty: with no fault), and return whether all were that
+        fault."""
         if self._texts is None:
             return False
         self._texts.append(re.sub(r"0x[0-9a-f]+|\d+", "#", fault))
@@ -217,7 +219,8 @@ def _count(faulted: int) -> str:
 
 
 def _set_apart(jobs: Iterator[Job], repeated: set[str]) -> Iterator[Job]:
-    """The same jobs; what was kept of a trial that is repeated is moved to the run's `aborted`."""
+    """Pass on the jobs; what was kept of a trial that is repeated is moved to the run's
+    `aborted`."""
     for job in jobs:
         if job.spec.trial_id in repeated:
             store.set_apart(job.folder, job.spec.trial_id)
@@ -225,7 +228,7 @@ def _set_apart(jobs: Iterator[Job], repeated: set[str]) -> Iterator[Job]:
 
 
 def _tried(engine: Engine, jobs: Iterator[Job]) -> Iterator[Job]:
-    """The same jobs, after what they need was tried by the engine's own kind of process.
+    """Pass on the jobs, after what they need was tried by the engine's own kind of process.
 
     Raises:
         InputError: it failed.
@@ -306,8 +309,8 @@ def _engine(
 
 
 def _perform(engine: Engine, jobs: Iterator[Job], cell: str) -> Iterator[Rows]:
-    """Rows as trials end. One that was lost is tried again after all others. `cell` is the
-    workcell's kind."""
+    """Perform jobs and give the rows of trials as they end. One that was lost is tried again after
+    all others. `cell` is the workcell's kind."""
     again: deque[Job] = deque()
     tries: Counter[str] = Counter()
     while True:
@@ -336,8 +339,8 @@ def _rows(over: Ended, tries: int, cell: str) -> Rows:
 
 
 class _Places:
-    """Where each trial's line is in the journal, in canonical order; -1: not finished. It holds
-    eight bytes a trial."""
+    """The places of the trials' lines in the journal, in canonical order; -1: not finished. It
+    holds eight bytes a trial."""
 
     def __init__(self, experiment: Experiment) -> None:
         self._experiment = experiment
@@ -352,7 +355,7 @@ class _Places:
         return len(self.offsets) - self.done
 
     def put(self, trial_id: str, offset: int, path: Path) -> int:
-        """Note a line; return its trial's cell.
+        """Note the place of a trial's line; return the trial's cell.
 
         Raises:
             InputError: the trial is not of this experiment, or was there before.
@@ -367,12 +370,12 @@ class _Places:
         return cell
 
     def forget(self, trial_id: str, path: Path) -> None:
-        """Take a trial as not finished."""
+        """Take a trial as not finished, so that it is performed again."""
         self.offsets[self._index(trial_id, path)[1]] = -1
         self.done -= 1
 
     def find_again(self, path: Path) -> None:
-        """Where the finished trials' lines are now."""
+        """Find the places of the finished trials' lines in the journal again."""
         for entry in journal.scan(path):
             index = self._index(entry.trial_id, path)[1]
             if self.offsets[index] >= 0:

@@ -40,7 +40,7 @@ def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> Interval:
 
 @dataclass(frozen=True, kw_only=True)
 class Pairs:
-    """How often two methods succeeded on the same n trials.
+    """Counts of how two methods succeeded on the same n trials.
 
     Raises:
         ValueError: a count is negative.
@@ -61,7 +61,7 @@ class Pairs:
 
     @property
     def difference(self) -> float:
-        """The first's success rate less the second's."""
+        """The first method's success rate less the second's."""
         return (self.only_first - self.only_second) / self.n
 
 
@@ -96,7 +96,8 @@ def mcnemar(pairs: Pairs) -> float:
 
 
 def _correlation(pairs: Pairs) -> float:
-    """Of the two outcomes, with method 10's continuity correction where it is positive."""
+    """Correlation of the two methods' outcomes, with method 10's continuity correction where it is
+    positive."""
     first, second = pairs.both + pairs.only_first, pairs.both + pairs.only_second
     product = first * (pairs.n - first) * second * (pairs.n - second)
     if product == 0:

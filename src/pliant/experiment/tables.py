@@ -79,8 +79,8 @@ def build(folder: Path) -> Document:
 
 
 def timing(folder: Path) -> dict[str, float]:
-    """Trials, simulated and wall time [s] summed over all trials: it differs from run to run, and
-    is kept out of the tables.
+    """The number of trials, and the simulated and wall time [s] summed over all: it differs from
+    run to run, and is kept out of the tables.
 
     Raises:
         InputError: as `build`.
@@ -160,8 +160,8 @@ def _beside(found: paper.PaperCell | None, reasoner: str) -> Document | None:
 
 
 def _table4(cells: Sequence[_Cell]) -> list[Document]:
-    """The cells with one of the paper's combinations of hole and grasp angle for its round peg.
-    Empty where only the nominal one is there, which Table II has as well."""
+    """The cells of Table IV, with one of the paper's combinations of hole and grasp angle for its
+    round peg. Empty where only the nominal one is there, which Table II has as well."""
     rows = []
     for cell in cells:
         level, peg, _, reasoner = cell.key
@@ -201,7 +201,8 @@ def _transitions(cells: Sequence[_Cell]) -> list[Document]:
 
 
 def _pairs(cells: Sequence[_Cell]) -> list[Document]:
-    """Every two reasoners on the trials that both have: in each cell, and in all together."""
+    """Comparisons of every two reasoners on the trials that both have: in each cell, and in all
+    together."""
     outcomes: dict[str, dict[tuple[str, str, str], dict[int, bool]]] = {}
     for cell in cells:
         level, peg, condition, reasoner = cell.key
@@ -236,7 +237,8 @@ def _pairs(cells: Sequence[_Cell]) -> list[Document]:
 
 
 def _in_the_papers_order(cells: Iterable[_Cell]) -> list[_Cell]:
-    """The baseline first, then reasoner by reasoner, each peg by peg, as they came."""
+    """The cells in the paper's order: the baseline first, then reasoner by reasoner, each peg by
+    peg, as they came."""
     given = list(cells)
     levels, pegs, conditions, reasoners = (
         list(dict.fromkeys(cell.key[i] for cell in given)) for i in range(4)

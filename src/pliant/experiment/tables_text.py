@@ -11,7 +11,7 @@ from pliant.text import escaped
 Document = Mapping[str, Any]
 PARTLY = "†"
 REFERENCE = "rules"
-"""Against whom reasoners are shown in each cell; the first one where it is not there."""
+"""The reasoner against which others are shown in each cell; the first one where it is not there."""
 
 _RIGHT = {"insert": "insert", "stop": "stop", "either": "insert or stop"}
 _PAPERS = ("paper's F, G [%]", "paper's fit, align, insertion")
@@ -84,7 +84,8 @@ def _section(
 
 
 def ladder(rows: Sequence[Document]) -> str:
-    """A row per level, skill set and reasoner; the paper's criterion or the level's own depth."""
+    """The ladder's table, a row per level, skill set and reasoner; the paper's criterion or the
+    level's own depth."""
     beside = _faults_beside(rows)
     header = ["level", "method", "reasoner", *beside, "inserted [%]", *_own_beside(rows)]
     header += ["judged ≠ inserted [%]"]
@@ -104,7 +105,8 @@ def ladder(rows: Sequence[Document]) -> str:
 
 
 def scenarios(rows: Sequence[Document]) -> str:
-    """A row per scenario, skill set and reasoner: how often it ended as is right, and otherwise."""
+    """The scenarios' table, a row per scenario, skill set and reasoner: how often it ended as is
+    right, and otherwise."""
     beside = _faults_beside(rows)
     header = ["scenario", "reasoner", *beside, "right is to", "ended so [%]", *_own_beside(rows)]
     header += ["inserted", "stopped"]
@@ -163,7 +165,8 @@ def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
 
 
 def pairs(rows: Sequence[Document]) -> str:
-    """Differences in success: all cells together for every two, and cell by cell against one."""
+    """A table of differences in success: all cells together for every two reasoners, and cell by
+    cell against one."""
     if not rows:
         return "Only one reasoner."
     names = list(dict.fromkeys(name for r in rows for name in (r["first"], r["second"])))
@@ -191,14 +194,14 @@ def pairs(rows: Sequence[Document]) -> str:
 
 
 def depth(cells: Sequence[Document]) -> str:
-    """Share of trials that ended at least so deep."""
+    """A table of the share of trials that ended at least so deep."""
     names = list(dict.fromkeys(d for c in cells for d in c["depth"]))
     header = ["peg", "condition", "reasoner", *(f"≥ {d} mm [%]" for d in names)]
     return _table(header, ([*_who(c), *(_rate(c["depth"][d]) for d in names)] for c in cells))
 
 
 def grasp_angle(cells: Sequence[Document]) -> str:
-    """Success by the size of the drawn grasp angle."""
+    """A table of success by the size of the drawn grasp angle."""
     drawn = [c for c in cells if c["grasp_angle"]]
     if not drawn:
         return "No cell draws the grasp angle."
@@ -211,7 +214,8 @@ def grasp_angle(cells: Sequence[Document]) -> str:
 
 
 def align(cells: Sequence[Document]) -> str:
-    """Overshoot cycles, and false acceptances of Align that end in a compression stop."""
+    """A table of overshoot cycles, and of false acceptances of Align that end in a compression
+    stop."""
     header = ["peg", "condition", "reasoner", "overshoot cycles", "in trials", "accepted"]
     header += ["falsely", "then compression stop"]
     names = ("cycles", "trials_with_cycles", "accepted", "false", "stopped")
@@ -219,7 +223,7 @@ def align(cells: Sequence[Document]) -> str:
 
 
 def failure_kinds(cells: Sequence[Document]) -> str:
-    """How many trials of each kind, for the cells that have any."""
+    """A table of how many trials failed in each way, for the cells that have any."""
     failed = [c for c in cells if c["failure_kinds"]]
     if not failed:
         return "None."
@@ -233,7 +237,8 @@ def failure_kinds(cells: Sequence[Document]) -> str:
 
 
 def own(cells: Sequence[Document]) -> str:
-    """How many decisions were the model's own, and how often it inserts without the rules."""
+    """A table of how many decisions were the model's own, and how often it inserts without the
+    rules."""
     header = ["peg", "condition", "reasoner", "n", "G [%]", "G alone [%]", "decisions", "own [%]"]
     header += ["clamped", "by the rules", "tokens a trial", "USD a trial"]
     rows = []
@@ -254,7 +259,8 @@ def own(cells: Sequence[Document]) -> str:
 
 
 def _own_beside(rows: Sequence[Document]) -> list[str]:
-    """The heads of a model's own share and of its success alone, where any row is a model's."""
+    """The header cells of a model's own share and of its success alone, where any row is a
+    model's."""
     return ["own [%]", "G alone [%]"] if any(row.get("own") for row in rows) else []
 
 
@@ -267,7 +273,7 @@ def _own(row: Document, rows: Sequence[Document]) -> list[str]:
 
 
 def marks(shares: Iterable[Document | None]) -> list[str]:
-    """What the names of `shown_name` mean, a line each, where they are not the plain ones."""
+    """Explanations of the names of `shown_name`, a line each, where they are not the plain ones."""
     shares = list(shares)
     lines = []
     if any(map(is_partly, shares)):
@@ -284,7 +290,7 @@ def marks(shares: Iterable[Document | None]) -> list[str]:
 
 
 def shown_name(row: Document) -> str:
-    """Who a row is of: marked where only some of the decisions were the model's."""
+    """The name of a row's reasoner: marked where only some of the decisions were the model's."""
     model = f" ({row['model']})" if row.get("model") else ""
     share = row.get("own")
     mark = f" {PARTLY}" if is_partly(share) else ""
@@ -298,7 +304,7 @@ def _table4_section(placed: Sequence[Document]) -> list[str]:
 
 
 def _where(cells: Sequence[Document]) -> list[str]:
-    """Said of any cell but the simulated one."""
+    """Sentences on where the trials took place, for any cell but the simulated one."""
     kinds = dict.fromkeys(c.get("cell", "sim") for c in cells)
     return [_CELLS[kind] for kind in kinds if kind in _CELLS]
 
@@ -308,7 +314,8 @@ def _extra(cell: Document) -> list[str]:
 
 
 def _faults_section(cells: Sequence[Document]) -> list[str]:
-    """What was said of the trials in which nothing was measured; empty where there are none."""
+    """A section on the trials in which nothing was measured, with what was said; empty where there
+    are none."""
     if not _faults_beside(cells):
         return []
     header = ["peg", "condition", "reasoner", "trials", "fault"]
@@ -325,12 +332,12 @@ def _faults_section(cells: Sequence[Document]) -> list[str]:
 
 
 def _faults_beside(rows: Sequence[Document]) -> list[str]:
-    """The head of a column of faults, where any row has one."""
+    """The header cell of a column of faults, where any row has one."""
     return ["faults"] if any(row.get("faults") for row in rows) else []
 
 
 def _outcome(row: Document, name: str) -> str:
-    """A rate, unless nothing but faults came of it."""
+    """A row's rate, unless nothing but faults came of it."""
     return "faults" if row.get("faults") and not row["n"] else _rate(row[name])
 
 

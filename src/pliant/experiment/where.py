@@ -1,5 +1,5 @@
-"""Where trials take place: in the simulated cell, in the one that a file describes, or in one of a
-user's own."""
+"""The place of an experiment's trials: the simulated cell, the one that a file describes, or one of
+a user's own."""
 
 import hashlib
 import json
@@ -26,13 +26,13 @@ _OTHERS = {
     "ur5e": ("a real cell", ("hole_y", "grasp_roll")),
     "emulator": ("an emulated cell", ("hole_y", "grasp_roll", "friction")),
 }
-"""The other cells by their kind: in words, and the quantities that can be set there."""
+"""The cells that are not simulated, by kind: in words, and the quantities that can be set there."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Where:
-    """A cell by its file, or of a user's own as `file.py:Class`, or without either the simulated
-    cell.
+    """The cell that a file describes, or one of a user's own as `file.py:Class`, or without either
+    the simulated cell.
 
     Its properties raise InputError when the file or the class cannot be used.
     """
@@ -55,19 +55,19 @@ class Where:
 
     @cached_property
     def configuration(self) -> ur5e.Configuration | None:
-        """The file's content; None: there is no file."""
+        """The content of the cell's file; None: there is none."""
         return None if self.file is None else ur5e.load(self.file)
 
     @property
     def kind(self) -> str:
-        """As results name it: "sim", "ur5e", "emulator", or what a user's own calls itself."""
+        """The kind of cell as results name it: "sim", "ur5e", "emulator", or what a user's own calls itself."""
         if self._made is not None:
             return self._made.kind
         return "sim" if self.configuration is None else self.configuration.kind
 
     @property
     def limits(self) -> Limits:
-        """The envelope of every motion."""
+        """The envelope of every motion in the cell."""
         given = self.configuration
         if given is None:
             return Limits()
@@ -82,18 +82,18 @@ class Where:
 
     @property
     def colours(self) -> Colours:
-        """How peg and block look in its pictures."""
+        """The colours of peg and block in the cell's pictures."""
         given = None if self.configuration is None else self.configuration.colours
         return SIMULATED if given is None else Colours(peg=given.peg, block=given.block)
 
     @property
     def goals(self) -> Path | None:
-        """The goals that were taught in it; None: the shipped ones."""
+        """The file of the goals that were taught in the cell; None: the shipped ones."""
         return None if self.configuration is None else self.configuration.goals
 
     @property
     def document(self) -> dict[str, Any]:
-        """Its kind, and a content hash of its configuration or of the user's file."""
+        """The cell's kind, and a content hash of its configuration or of the user's file."""
         if self.own is not None:
             return {"kind": self.kind, "configuration": decides.own_file_hash(self.own)}
         if self.configuration is None:
@@ -134,7 +134,7 @@ class Where:
             raise InputError(f"the oracle plans from the whole truth, which {cell} does not tell")
 
     def open(self, operator: "Operator | None" = None) -> Workcell:
-        """The cell itself. A real one needs an operator.
+        """Make the workcell itself. A real one needs an operator.
 
         Raises:
             InputError: it cannot be used.

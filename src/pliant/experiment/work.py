@@ -1,4 +1,4 @@
-"""What a worker does with one trial: performs it in a simulated cell, keeps its record if asked."""
+"""The work of a worker on one trial: perform it in a simulated cell, keep its record if asked."""
 
 import os
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ _KEPT_CELLS = 3  # compiled models, tens of MB each; an experiment goes peg by p
 
 
 class Save(StrEnum):
-    """Which trials keep their full record, in DIR/trials/<id>/."""
+    """The choice of trials that keep their full record, in DIR/trials/<id>/."""
 
     FAILURES = "failures"
     ALL = "all"

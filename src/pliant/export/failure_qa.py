@@ -40,7 +40,8 @@ def write(source: Source, out: Path) -> dict[str, int]:
 
 
 class _Writer:
-    """The files while trials are added: train first, so that test can leave out what is in it."""
+    """Writer of the files while trials are added: train first, so that test can leave out what is
+    in it."""
 
     def __init__(self, folder: Path, stack: ExitStack) -> None:
         self._folder, self._stack = folder, stack

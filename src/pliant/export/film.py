@@ -50,7 +50,7 @@ def encoded(pictures: Iterable[Picture], fps: int) -> bytes:
 
 
 class Reel:
-    """A growing MP4 of films with the same size and rate, one after the other."""
+    """A growing MP4 of joined films of the same size and rate, one after the other."""
 
     def __init__(self, path: Path, fps: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,5 @@
-"""What really happened in an execution, from the truth: success, kind of failure, where, why, and
-what would have been right. Nothing here is known to a method."""
+"""The truth about an execution: success, kind of failure, where, why, and what would have been
+right. Nothing here is known to a method."""
 
 import math
 from dataclasses import dataclass
@@ -38,7 +38,8 @@ class Label:
 
     @property
     def offset_m(self) -> float:
-        """From the hole's centre to the centre of the peg's bottom face, along y."""
+        """The distance [m] along y from the hole's centre to the centre of the peg's bottom
+        face."""
         return self.truth.tip[1] - self.truth.hole_y
 
     @property
@@ -82,12 +83,12 @@ def correction(trial: Trial, label: Label) -> Recovery | None:
 
 
 def setup_of(trial: Trial) -> Setup:
-    """What was actual in the trial."""
+    """The setup that was drawn for the trial."""
     return Setup(seed=trial.seed, **trial.drawn)
 
 
 def causes(trial: Trial) -> list[str]:
-    """How the trial differed from the nominal task, in words; but for what rounds to 0."""
+    """The trial's differences from the nominal task, in words; but for what rounds to 0."""
     setup = setup_of(trial)
     words = []
     if abs(hole_mm := setup.hole_y * 1e3) >= 0.05:
@@ -102,15 +103,16 @@ def causes(trial: Trial) -> list[str]:
 
 
 def _inside(truth: Truth, task: Task) -> bool:
-    """The peg's low edge is in the hole, and the other stands on neither rim."""
+    """Whether the peg's low edge is in the hole, and the other stands on neither rim."""
     width = task.peg.half_extents[1] * math.cos(truth.tilt_rad)
     room = half_hole(task) + _TOLERANCE_M - abs(truth.tip[1] - truth.hole_y)
     return bool(truth.fit) and width <= room
 
 
 def _succeeded(execution: Execution, truth: Truth, inside: bool) -> bool:
-    """Approach and Contact: the goal was reached. Fit: the peg is in the hole. Align: that, and it
-    stands within Table I's 5 degrees. Insertion: the paper's criterion."""
+    """Whether an execution succeeded, by the truth. Approach and Contact: the goal was reached.
+    Fit: the peg is in the hole. Align: that, and it stands within Table I's 5 degrees. Insertion:
+    the paper's criterion."""
     formation = execution.formation
     if formation in (Formation.APPROACH, Formation.CONTACT):
         return bool(pose_check(execution.outcome).vote)

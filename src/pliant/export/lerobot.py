@@ -119,7 +119,7 @@ def _made(jobs: Sequence[Job], workers: int) -> Iterator[Episode]:
 
 
 class _Writer:
-    """The files of a data set while episodes are added."""
+    """Writer of the files of a data set while episodes are added."""
 
     def __init__(self, folder: Path, fps: int, cameras: tuple[str, ...], stack: ExitStack) -> None:
         self._folder, self._fps, self._stack = folder, fps, stack
@@ -176,7 +176,7 @@ class _Writer:
         self.frames += n
 
     def finish(self, splits: dict[str, int]) -> None:
-        """Write the metadata."""
+        """Write the data set's metadata."""
         folder = self._folder
         episodes = folder / _EPISODES.format(chunk_index=0, file_index=0)
         episodes.parent.mkdir(parents=True)
@@ -223,7 +223,7 @@ class _Writer:
 
 @dataclass
 class _Place:
-    """Which numbered file is being filled, and how much it holds [bytes]."""
+    """The numbered file that is being filled, and how much it holds [bytes]."""
 
     chunk: int = 0
     file: int = 0
@@ -244,7 +244,7 @@ class _Place:
 
 
 class _Data:
-    """data/: one row group per episode."""
+    """Writer of data/: one row group per episode."""
 
     def __init__(self, folder: Path, known: dict[str, dict[str, Any]], stack: ExitStack) -> None:
         self._folder, self._stack = folder, stack
@@ -260,7 +260,7 @@ class _Data:
         self._writer: pq.ParquetWriter | None = None
 
     def add(self, frames: dict[str, NDArray[np.generic]]) -> dict[str, int]:
-        """Append an episode; return where it stands."""
+        """Append an episode's frames; return where it stands."""
         table = pa.table(
             [_column(frames[field.name], field.type) for field in self._schema], self._schema
         )
@@ -277,7 +277,7 @@ class _Data:
 
 
 class _Videos:
-    """videos/<key>/: the episodes' films, joined."""
+    """Writer of videos/<key>/: the episodes' films, joined."""
 
     def __init__(self, folder: Path, key: str, fps: int, stack: ExitStack) -> None:
         self._folder, self._key, self._fps, self._stack = folder, key, fps, stack
@@ -316,7 +316,8 @@ def _column(values: NDArray[np.generic], kind: pa.DataType) -> pa.Array:
 
 
 def _episodes_table(rows: Sequence[Row]) -> pa.Table:
-    """LeRobot's columns with the types that their values have, the trial's with their own."""
+    """The table of episodes: LeRobot's columns with the types that their values have, the trial's
+    with their own."""
     known = {f"trial/{column.name}": column.type for column in TRIALS}
     return pa.table({name: pa.array([r[name] for r in rows], known.get(name)) for name in rows[0]})
 
@@ -335,7 +336,7 @@ def _executions_table(rows: Sequence[Row]) -> pa.Table:
 
 
 def _write_names(path: Path, name: str, numbered: dict[str, int]) -> None:
-    """A table of texts by number, with the text as the index that pandas restores."""
+    """Write a table of texts by number, with the text as the index that pandas restores."""
     number = f"{name}_index"
     table = pa.table({number: list(numbered.values()), name: list(numbered)})
     pandas = {

@@ -18,7 +18,8 @@ def text(
     fps: int,
     subtasks: Mapping[Formation, str],
 ) -> str:
-    """README.md: what the data set holds, where it comes from, what its labels mean."""
+    """The text of the card, README.md: what the data set holds, where it comes from, what its
+    labels mean."""
     splits = counts(chosen)
     left_out = len(source.saved) - len(chosen)
     lines = [

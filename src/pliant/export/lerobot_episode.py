@@ -32,7 +32,7 @@ _SAMPLED = 20  # pictures of an episode that its statistics are taken from, each
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """Which trial becomes an episode, and how."""
+    """A job of making an episode: which trial becomes one, and how."""
 
     saved: Saved
     fps: int
@@ -41,8 +41,9 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Episode:
-    """`frames` maps each feature but the index columns and the films to its values (n, …);
-    `executions` are rows of executions.parquet, with labels and the frames they span."""
+    """An episode of the data set. `frames` maps each feature but the index columns and the films to
+    its values (n, …); `executions` are rows of executions.parquet, with labels and the frames they
+    span."""
 
     saved: Saved
     task: str
@@ -167,7 +168,7 @@ def _executions(trial: Trial, known: list[Label], sampled: Track) -> list[Row]:
 
 
 class _Sample:
-    """Some of the pictures that pass by, thinned, for statistics."""
+    """A sample of the pictures that pass by, thinned, for statistics."""
 
     def __init__(self, passing: int) -> None:
         self._wanted = set(np.linspace(0, passing - 1, min(_SAMPLED, passing)).astype(int).tolist())

@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 Stats = dict[str, NDArray[np.float64]]
-"""min, max, mean, std, q01 … q99, each of the feature's shape, and count (1,)."""
+"""Statistics of a feature: min, max, mean, std, q01 … q99, each of the feature's shape, and count
+(1,)."""
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 def of_values(values: NDArray[np.generic]) -> Stats:
-    """Of one feature along an episode: (n,) or (n, k)."""
+    """Statistics of one feature along an episode: (n,) or (n, k)."""
     table = np.asarray(values, np.float64).reshape(len(values), -1)
     found = {
         "min": table.min(axis=0),
@@ -25,15 +26,16 @@ def of_values(values: NDArray[np.generic]) -> Stats:
 
 
 def of_pictures(pictures: Sequence[NDArray[np.uint8]]) -> Stats:
-    """Of a camera, per channel: (3, 1, 1), from 0 to 1. `count` counts pictures."""
+    """Statistics of a camera's pictures, per channel: (3, 1, 1), from 0 to 1. `count` counts
+    pictures."""
     found = of_values(np.concatenate([p.reshape(-1, 3) for p in pictures]) / 255.0)
     shaped = {name: value.reshape(3, 1, 1) for name, value in found.items() if name != "count"}
     return shaped | {"count": np.array([len(pictures)])}
 
 
 def merged(parts: Sequence[Stats]) -> Stats:
-    """Of several episodes together. Quantiles are averaged with the counts as weights, as LeRobot
-    does: they are not exactly the whole's."""
+    """Statistics of several episodes together. Quantiles are averaged with the counts as weights,
+    as LeRobot does: they are not exactly the whole's."""
     counts = np.array([part["count"][0] for part in parts], np.float64)
     stacked = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
     weights = (counts / counts.sum()).reshape(-1, *[1] * (stacked["mean"].ndim - 1))

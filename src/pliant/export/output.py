@@ -1,4 +1,4 @@
-"""Where an export goes: a new folder, whole or not at all, with a card that says what it is."""
+"""The output of an export: a new folder, whole or not at all, with a card that says what it is."""
 
 import secrets
 import shutil
@@ -16,7 +16,8 @@ LICENCE = "apache-2.0"
 
 @contextmanager
 def filling(path: Path) -> Iterator[Path]:
-    """A folder to fill. It becomes `path` when the block ends well, and goes when it does not.
+    """A folder to fill with an export. It becomes `path` when the block ends well, and goes when it
+    does not.
 
     Raises:
         InputError: `path` holds something already, or cannot be written.
@@ -54,7 +55,7 @@ def check_new(path: Path) -> None:
 
 
 def origin(source: Source) -> list[str]:
-    """Where the data came from, as lines of Markdown."""
+    """The data's origin, as lines of Markdown."""
     run, configuration = source.run, source.run.get("configuration", {})
     commit = run.get("commit") or "not recorded (an installed pliant)"
     changed = ", with changes that were not committed" if run.get("dirty") else ""

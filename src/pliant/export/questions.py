@@ -19,8 +19,8 @@ _WAYS = {Axis.Y: ("left", "right"), Axis.Z: ("down", "up")}
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """`category` is the answer's discrete part, for counting and for exact scoring; `truth` holds
-    the values behind the answer."""
+    """A question about an execution, with its answer. `category` is the answer's discrete part, for
+    counting and for exact scoring; `truth` holds the values behind the answer."""
 
     type: str
     question: str
@@ -30,8 +30,8 @@ class Question:
 
 
 def asked(trial: Trial) -> Iterator[tuple[Label, list[Question]]]:
-    """Each execution with a known truth, and what can be asked about it. All but detect and locate
-    are asked about failures only."""
+    """Each execution with a known truth, and the questions that can be asked about it. All but
+    detect and locate are asked about failures only."""
     for label in labels(trial):
         questions = [_detect(label), _locate(label)]
         if not label.success:
@@ -43,8 +43,8 @@ def asked(trial: Trial) -> Iterator[tuple[Label, list[Question]]]:
 
 
 def context(trial: Trial, label: Label) -> dict[str, Any]:
-    """What a reasoner knows when it is asked, besides the picture [mm, deg]. Only the checks of the
-    paper: Table I, pose, compression, goal picture."""
+    """The knowledge of a reasoner when it is asked, besides the picture [mm, deg]. Only the checks
+    of the paper: Table I, pose, compression, goal picture."""
     execution, outcome = label.execution, label.execution.outcome
     observed = outcome.looks[-1].observation
     return {
@@ -63,7 +63,7 @@ def context(trial: Trial, label: Label) -> dict[str, Any]:
 
 
 def report(goal: Partial) -> dict[str, float]:
-    """Axes in millimetres and degrees, the unit in the name."""
+    """A goal or a pose in millimetres and degrees, the unit in each axis's name."""
     return {f"{a}_{a.report_unit}": round(a.to_report(v), 3) + 0.0 for a, v in goal.items()}
 
 

@@ -65,7 +65,7 @@ def write(source: Source, out: Path, *, fps: int) -> str:
 
 
 class _Log:
-    """What is logged of one trial."""
+    """The log of one trial for Rerun."""
 
     def __init__(self, rr: Any, recording: Any, trial: Trial, sampled: Track, fps: int) -> None:
         self._rr, self._recording = rr, recording
@@ -83,7 +83,7 @@ class _Log:
         self._executions()
 
     def _cell(self) -> None:
-        """Bodies once, then where they are at every sample."""
+        """Log the cell's bodies once, then where they are at every sample."""
         rr, sampled = self._rr, self._track
         model = m.build(self._trial.task)
         setup = sampled.trajectory.setup
@@ -118,7 +118,7 @@ class _Log:
         self._still(path, rr.LineStrips3D.from_fields(colors=[_SPRING], radii=[0.002]))
 
     def _film(self) -> None:
-        """The side camera in the cell, with its film drawn again from the stored motion."""
+        """Log the side camera in the cell, with its film drawn again from the stored motion."""
         rr = self._rr
         first = self._trial.executions[0].outcome.looks[-1].observation.views[_CAMERA].camera
         path = f"world/camera_{_CAMERA}"
@@ -143,7 +143,7 @@ class _Log:
         self._columns(f"{path}/film", frames)
 
     def _plots(self) -> None:
-        """Measured beside commanded: y and z [mm], roll [deg]; compression [mm]."""
+        """Log plots of measured beside commanded: y and z [mm], roll [deg]; compression [mm]."""
         for axis in _PLOTTED:
             n = list(Axis).index(axis)
             for name, values in (("measured", self._track.pose), ("goal", self._track.command)):
@@ -152,7 +152,8 @@ class _Log:
         self._plot("plots/compression_mm/measured", self._track.compression_m * 1e3)
 
     def _executions(self) -> None:
-        """At each look: the picture that was judged, the verdict, what, why and how."""
+        """Log at each look the picture that was judged, the verdict, and the analysis: what, why
+        and how."""
         rr, truths = self._rr, {label.execution.index: label for label in labels(self._trial)}
         for execution in self._trial.executions:
             look = execution.outcome.looks[-1].observation
@@ -181,7 +182,7 @@ class _Log:
 
 
 def _lines(execution: Execution, label: Label | None) -> Iterator[tuple[str, str]]:
-    """A verdict in words, each line with its level."""
+    """A verdict in words, each line with its level in the log."""
     step, verdict = execution.outcome.step, execution.verdict
     retreat = " after a retreat" if step.retreat else ""
     judged = "success" if verdict.success else "failure"
@@ -201,7 +202,7 @@ def _lines(execution: Execution, label: Label | None) -> Iterator[tuple[str, str
 
 
 def _broken_off(trial: Trial) -> str:
-    """The fault that ended a trial, and what it ended."""
+    """Say which fault ended a trial, and what it ended."""
     begun = trial.aborted
     during = "" if begun is None else f" during {len(trial.executions) + 1} "
     during += "" if begun is None else f"{str(begun.step.formation).capitalize()}"
@@ -217,7 +218,7 @@ def _ends(data: mujoco.MjData, spring: int) -> list[NDArray[np.float64]]:
 
 
 def _blueprint() -> Any:
-    """How the viewer is laid out: the cell and the pictures above, plots and words below."""
+    """The layout of the viewer: the cell and the pictures above, plots and words below."""
     rrb = _import("rerun.blueprint")
     plots = [f"{axis}_{axis.report_unit}" for axis in _PLOTTED] + ["compression_mm"]
     camera = f"world/camera_{_CAMERA}"

@@ -17,7 +17,7 @@ _SIDES = 48  # of a cylinder
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solid:
-    """Part of the cell that moves with one body: corners in that body's frame [m]."""
+    """A part of the cell that moves with one body: corners in that body's frame [m]."""
 
     name: str  # robot/<link>, wrist, gripper, peg, board
     body: int
@@ -27,8 +27,8 @@ class Solid:
 
 
 def solids(model: mujoco.MjModel) -> list[Solid]:
-    """Everything that is drawn and fixed to a body; the table, which is fixed to the world, is left
-    out."""
+    """The solids of everything that is drawn and fixed to a body; the table, which is fixed to the
+    world, is left out."""
     parts: dict[str, list[Solid]] = {}
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])

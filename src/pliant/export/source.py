@@ -105,7 +105,7 @@ def replayable(source: Source) -> tuple[Saved, ...]:
 
 
 def counts(trials: tuple[Saved, ...]) -> dict[str, int]:
-    """How many trials each split has."""
+    """The number of trials in each split."""
     counted = Counter(s.split for s in trials)
     return {split: counted[split] for split in (TRAIN, TEST)}
 

@@ -20,7 +20,7 @@ FASTEST = 25  # [Hz] at which trajectories are stored
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """n samples from the trial's start to its last look, on the robot's clock.
+    """A trial's motion as n samples from its start to its last look, on the robot's clock.
 
     `pose` and `command` hold x, y, z [m], roll, pitch, yaw [rad] of the hinge point. `command` is
     where the running motion goes, or where the arm holds. `execution` is the index of the one that
@@ -103,7 +103,7 @@ def _commands(
 
 
 def _held(motion: Motion, time_s: float) -> NDArray[np.float64]:
-    """Where the arm is sent; after a motion that was stopped, where it halted."""
+    """The pose that the arm is sent to; after a motion that was stopped, that where it halted."""
     halted = motion.stop.is_early and time_s > motion.ended_s
     return _array(motion.ended if halted else motion.commanded)
 

@@ -33,7 +33,7 @@ def lines(
     width: int = 2,
     closed: bool = True,
 ) -> None:
-    """A line through points."""
+    """Draw a line through points."""
     shifted = np.array([[_fixed(u), _fixed(v)] for u, v in points], np.int32)
     for c, w in ((DARK, width + _RIM), (colour, width)):
         cv2.polylines(picture, [shifted], closed, c, w, cv2.LINE_AA, _BITS)
@@ -54,7 +54,7 @@ def cross(picture: Picture, at: Point, colour: Colour, *, size: float = 11.0) ->
 def tick(
     picture: Picture, at: Point, success: bool, *, size: float, colour: Colour = WHITE
 ) -> None:
-    """A tick or a cross in a square of `size` with its centre at `at`."""
+    """Draw a tick or a cross in a square of `size` with its centre at `at`."""
     u, v, h = at[0], at[1], size / 2
     strokes = (
         [[(u - h, v), (u - h / 4, v + 0.8 * h), (u + h, v - 0.8 * h)]]
@@ -77,7 +77,7 @@ def text(
     rim: bool = False,
     weight: int = 1,
 ) -> None:
-    """Text with its baseline's left, centre or right end at `at`. OpenCV draws ASCII only."""
+    """Write text with its baseline's left, centre or right end at `at`. OpenCV draws ASCII only."""
     plain = ascii_only(words)
     width = text_width(plain, scale, weight)
     left = at[0] - {"left": 0.0, "center": width / 2, "right": width}[align]
@@ -93,7 +93,7 @@ def text_width(words: str, scale: float, weight: int = 1) -> int:
 
 
 def shortened(words: str, width: float, scale: float) -> str:
-    """As much of `words` as fits in `width` [px]."""
+    """The beginning of `words` that fits in `width` [px]."""
     plain = " ".join(ascii_only(words).split())
     if text_width(plain, scale) <= width:
         return plain

@@ -69,7 +69,8 @@ def card(
 
 
 def _instead(execution: Execution) -> Html:
-    """Who decided in a model's place, beside the outcome."""
+    """A badge beside the outcome that says what the rules decided in a model's place; empty:
+    nothing."""
     recovery = execution.recovery
     decisions = {"judged": execution.verdict.fallback, "planned": recovery and recovery.fallback}
     done = " and ".join(what for what, why in decisions.items() if why)

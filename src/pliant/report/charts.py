@@ -13,7 +13,8 @@ _WIDTH, _ROW, _MARGIN = 170, 13, 6  # [px] of a bar chart, of a bar, and left an
 
 @dataclass(frozen=True, kw_only=True)
 class Bar:
-    """A share [%] with its interval [%], and the paper's where it has one; `kind` is its style."""
+    """A bar of a chart: a share [%] with its interval [%], and the paper's where it has one; `kind`
+    is its style."""
 
     percent: float | None
     low: float | None = None
@@ -23,7 +24,8 @@ class Bar:
 
 
 def bars(shown: Sequence[Bar], described: str) -> Html:
-    """Bars one above the other from 0 to 100 %: whiskers for intervals, a diamond for the paper."""
+    """A chart of bars one above the other from 0 to 100 %: whiskers for intervals, a diamond for
+    the paper."""
     height = _ROW * len(shown) + 4
     parts = [_line(x, 0, x, height, "grid") for x in _ticks()]
     for n, bar in enumerate(shown):
@@ -38,7 +40,7 @@ def bars(shown: Sequence[Bar], described: str) -> Html:
 
 
 def difference(value: float, low: float, high: float, described: str) -> Html:
-    """A difference of shares, from −100 to 100 points, with its interval."""
+    """A chart of a difference of shares, from −100 to 100 points, with its interval."""
     height = _ROW + 4
 
     def x(v: float) -> float:
@@ -55,8 +57,8 @@ def difference(value: float, low: float, high: float, described: str) -> Html:
 
 @dataclass(frozen=True, kw_only=True)
 class Bin:
-    """Trials whose drawn quantity lies between two values, and the share that was inserted. `link`
-    leads to them."""
+    """A bin of a histogram: trials whose drawn quantity lies between two values, and the share that
+    was inserted. `link` leads to them."""
 
     begin: float
     end: float
@@ -66,7 +68,8 @@ class Bin:
 
 
 def histogram(bins: Sequence[Bin], failures: Sequence[float], label: str, described: str) -> Html:
-    """The share of success in each bin over the drawn quantity; below, a stroke per failure."""
+    """A chart of the share of success in each bin over the drawn quantity; below, a stroke per
+    failure."""
     width, height, left, bottom = 330, 170, 34, 44
     low, high = bins[0].begin, bins[-1].end
     plot_width, plot_height = width - left - 8, height - bottom - 8
@@ -94,7 +97,7 @@ def histogram(bins: Sequence[Bin], failures: Sequence[float], label: str, descri
 
 
 def _column(shown: Bin, left: float, right: float, y: Callable[[float], float]) -> Html:
-    """One bin, linked to its trials."""
+    """One bin's column of a histogram, linked to its trials."""
     bar, middle = shown.bar, (left + right) / 2
     parts = [tag("title", shown.described)]
     # The whole column can be chosen, however low its bar is.

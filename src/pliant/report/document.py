@@ -14,7 +14,7 @@ from pliant.report.html import Html, embedded, tag
 
 LIBRARY = ("uPlot.iife.min.js", "uPlot.min.css", "uPlot.LICENSE")
 ASSETS = "assets"
-"""The folder for the library, once per run."""
+"""The folder for the plotting library, once per run."""
 
 _STAMP = "pliant-made-from"
 
@@ -28,8 +28,9 @@ def document(
     stamp: str = "",
     library: str | None = None,
 ) -> str:
-    """A whole page. `script` and `style` name pliant's own files, `data` is what the script reads,
-    `stamp` says what the page was made from, `library` is the way to the library's folder."""
+    """The text of a whole page. `script` and `style` name pliant's own files, `data` is what the
+    script reads, `stamp` says what the page was made from, `library` is the way to the library's
+    folder."""
     code = own("common.js") + own(script)
     head = tag(
         "head",
@@ -61,7 +62,7 @@ def stamp_of(page: str) -> str | None:
 
 @lru_cache
 def own(name: str) -> str:
-    """One of the report's own files."""
+    """The text of one of the report's own files."""
     return (files("pliant.report") / name).read_text(encoding="utf-8")
 
 

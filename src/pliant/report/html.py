@@ -12,21 +12,21 @@ from pliant.text import visible
 
 
 class Html(str):
-    """Markup. Every other string is text, and escaped where it is put into markup."""
+    """A string of markup. Every other string is text, and escaped where it is put into markup."""
 
     __slots__ = ()
 
 
 def join(*parts: str) -> Html:
-    """Markup and texts, one after the other."""
+    """Join markup and texts, one after the other."""
     return Html(
         "".join(part if isinstance(part, Html) else escape(visible(part)) for part in parts)
     )
 
 
 def tag(name: str, /, *children: str, **attributes: str | bool | None) -> Html:
-    """An element. `class_="a"` and `aria_label="b"` are written class and aria-label; an attribute
-    that is None or False is left out, one that is True has no value."""
+    """An element of markup. `class_="a"` and `aria_label="b"` are written class and aria-label; an
+    attribute that is None or False is left out, one that is True has no value."""
     written = "".join(
         f" {_name(key)}" if value is True else f' {_name(key)}="{escape(visible(str(value)))}"'
         for key, value in attributes.items()

@@ -19,7 +19,8 @@ _TILT_LINE = 85.0  # [px] length of the lines that show the tilt, from P_center
 
 
 def draw(view: View, scene: Scene, task: Task) -> Picture:
-    """The picture at `SCALE` times its size with everything that was measured in it, RGB.
+    """The picture at `SCALE` times its size, RGB, with everything that was measured in it drawn on
+    it.
 
     Yellow: the peg's minimum-area rectangle with P_center, P_edge and its tilt against the
     vertical. White: the block's rectangle with H_center. Pink: the whole peg's bottom corners and

@@ -20,7 +20,8 @@ _BINS = 8
 
 
 def render(summary: Summary, title: str, pages: Collection[str]) -> str:
-    """The page's text. `pages` has the id of each trial that has a page, in its own folder."""
+    """The text of an experiment's page. `pages` has the id of each trial that has a page, in its
+    own folder."""
     made = summary.tables
     asked = [cell for cell in made["cells"] if cell.get("own")]
     faulted = [cell for cell in made["cells"] if cell["faults"]]
@@ -89,7 +90,8 @@ def _headline(summary: Summary, title: str) -> Html:
 
 
 def _where(trials: Sequence[Row]) -> Html:
-    """Success against each drawn quantity, reasoner by reasoner, over the cells that draw it."""
+    """Histograms of success against each drawn quantity, reasoner by reasoner, over the cells that
+    draw it."""
     rows = []
     for reasoner in dict.fromkeys(t["reasoner"] for t in trials):
         own = [t for t in trials if t["reasoner"] == reasoner]
@@ -146,7 +148,7 @@ def _panel(trials: Sequence[Row], reasoner: str, column: str) -> Html:
 
 
 def _edges(values: Sequence[float]) -> list[float]:
-    """Bins of equal width on round numbers."""
+    """Edges of bins of equal width on round numbers."""
     low, high = min(values), max(values)
     raw = (high - low) / _BINS
     power = 10.0 ** math.floor(math.log10(raw))
@@ -156,5 +158,5 @@ def _edges(values: Sequence[float]) -> list[float]:
 
 
 def _trials() -> Html:
-    """The place of the list, which the page's script fills."""
+    """The place of the list of trials, which the page's script fills."""
     return tag("div", tag("noscript", "The list of trials needs JavaScript."), id="list")

@@ -27,7 +27,7 @@ _ASKED = {"decisions": 0, "fallbacks": 0, "clamped": 0, "tokens": 0, "cost_usd":
 """The columns about a model, shown where one was asked, and their digits."""
 
 _PEG_FILE = "PEG.yaml"
-"""Stands in a command for a peg file of the user's own, whose path the results do not hold."""
+"""A stand-in in a command for a peg file of the user's own, whose path the results do not hold."""
 
 
 def quantities() -> dict[str, Axis | None]:
@@ -42,7 +42,8 @@ def in_report(axis: Axis | None, value: float) -> float:
 
 
 def varying(trials: Sequence[Row]) -> dict[str, Axis | None]:
-    """The quantities that differ between the trials; a run of before a quantity has none of it."""
+    """The drawn quantities that differ between the trials; a run from before a quantity existed has
+    none of it."""
     return {
         name: axis
         for name, axis in quantities().items()
@@ -57,7 +58,7 @@ def heading(column: str) -> str:
 
 
 def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
-    """What the page's script reads. `pages` has the id of each trial with a page."""
+    """The data that the page's script reads. `pages` has the id of each trial with a page."""
     trials = summary.trials
     cells = list(dict.fromkeys(map(_names, trials)))
     place = {names: n for n, names in enumerate(cells)}
@@ -106,7 +107,7 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
 
 
 def command(names: Names, cell: Mapping[str, Any] | None) -> str:
-    """What runs and shows one trial of a cell, with SEED for its seed. `cell` is its
+    """A command that runs and shows one trial of a cell, with SEED for its seed. `cell` is its
     configuration."""
     level, peg, condition, reasoner = names
     settings = (cell or {}).get("vlm")
@@ -126,7 +127,8 @@ def command(names: Names, cell: Mapping[str, Any] | None) -> str:
 
 
 def _peg(peg: str, level: str, cell: Mapping[str, Any] | None) -> str:
-    """The shipped peg's name, unless the cell's peg only has the same name."""
+    """The peg's name in a command: the shipped one's, unless the cell's peg only has the same
+    name."""
     if peg not in shipped_pegs():
         return _PEG_FILE
     try:
@@ -153,7 +155,7 @@ def _condition(condition: str, cell: Mapping[str, Any] | None) -> list[str]:
 
 
 def _listed(peg: Mapping[str, Any]) -> dict[str, Any]:
-    """As it is after JSON, which has no tuples."""
+    """A peg as it is after JSON, which has no tuples."""
     return {**peg, "outline": [list(corner) for corner in peg["outline"]]}
 
 
@@ -171,7 +173,7 @@ def _place(names: Sequence[str], name: str | None) -> int:
 
 
 def _rounded(value: float | None, digits: int = 3, factor: float = 1.0) -> float | None:
-    """Short in JSON: a whole number without its point."""
+    """A value rounded to be short in JSON: a whole number without its point."""
     if value is None:
         return None
     rounded = round(value * factor, digits)

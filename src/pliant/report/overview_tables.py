@@ -19,17 +19,17 @@ _OWN = ("own [%]", "G alone [%]")
 
 
 def link(shown: str, **wanted: object) -> Html:
-    """A link to the list of trials, narrowed to these."""
+    """A link to the list of trials, narrowed to those wanted."""
     return tag("a", shown, href=address(**wanted))
 
 
 def address(**wanted: object) -> str:
-    """Where the list of trials is, narrowed to these."""
+    """The address of the list of trials, narrowed to those wanted."""
     return f"#{urlencode({name: str(value) for name, value in wanted.items()})}"
 
 
 def place(cell: Document) -> dict[str, object]:
-    """What narrows the list of trials to a cell."""
+    """The values that narrow the list of trials to a cell."""
     return {name: cell[name] for name in ("level", "peg", "condition", "reasoner")}
 
 
@@ -85,7 +85,7 @@ def _table2_row(cell: Document, *, has_model: bool) -> Html:
 
 
 def _own(cell: Document) -> tuple[str, str]:
-    """What stands under `_OWN`."""
+    """A cell's texts for the columns `_OWN`."""
     share = cell.get("own")
     return ("–", "–") if share is None else (f"{share['own_percent']:.1f}", rate(share["alone"]))
 
@@ -127,7 +127,7 @@ def _table3_row(entry: Document, origin: str, to: Mapping[str, int]) -> Html:
 
 
 def kinds(cells: Sequence[Document]) -> Html:
-    """How many trials failed in which way, in the cells where any did."""
+    """A table of how many trials failed in which way, in the cells where any did."""
     failed = [cell for cell in cells if cell["failure_kinds"]]
     if not failed:
         return tag("p", "No trial failed.")
@@ -155,7 +155,8 @@ def _kind(cell: Document, kind: str, count: int) -> Html:
 
 
 def own(cells: Sequence[Document]) -> Html:
-    """How many decisions were a model's own, its success without the rules, and what it cost."""
+    """A table of how many decisions were a model's own, its success without the rules, and what it
+    cost."""
     head = ["peg", "condition", "reasoner", "n", "G over G alone", "G [%]", "G alone [%]"]
     head += ["decisions", "own [%]", "clamped", "by the rules", "tokens a trial", "USD a trial"]
     rows = []
@@ -183,8 +184,8 @@ def own(cells: Sequence[Document]) -> Html:
 
 
 def pairs(rows: Sequence[Document]) -> Html:
-    """Reasoner against reasoner on the same seeds: all cells together for every two, and cell by
-    cell against one."""
+    """A table of reasoner against reasoner on the same seeds: all cells together for every two, and
+    cell by cell against one."""
     if not rows:
         return tag("p", "Only one reasoner: nothing to compare.")
     names = list(dict.fromkeys(name for r in rows for name in (r["first"], r["second"])))
@@ -229,7 +230,7 @@ def _pair(row: Document) -> Html:
 
 
 def faults(cells: Sequence[Document]) -> Html:
-    """What was said of the trials in which nothing was measured."""
+    """A table of the trials in which nothing was measured, with what was said of them."""
     rows = [
         tag(
             "tr",

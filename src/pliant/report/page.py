@@ -27,9 +27,9 @@ def render(
     home: str | None = None,
     stamp: str = "",
 ) -> str:
-    """The page's text. `media` holds each execution's files; `video` is the video's, in which each
-    execution has its span; `library` and `home` are the ways to the library's folder and to the
-    experiment's page. All are relative to where the page will be."""
+    """The text of a trial's page. `media` holds each execution's files; `video` is the video's, in
+    which each execution has its span; `library` and `home` are the ways to the library's folder and
+    to the experiment's page. All are relative to where the page will be."""
     title = (
         f"{trial.task.peg.name.capitalize()} peg, condition {trial.condition}, seed {trial.seed}"
     )
@@ -84,7 +84,8 @@ def _headline(trial: Trial, title: str) -> Html:
 
 
 def _not_its_own(trial: Trial) -> Html:
-    """How much of a trial was not decided by the model that was asked, plainly and first."""
+    """A notice of how much of a trial was not decided by the model that was asked, plainly and
+    first; empty: all was its own."""
     row = trial_row(trial)
     if row["own"] == row["decisions"]:
         return Html("")
@@ -92,7 +93,8 @@ def _not_its_own(trial: Trial) -> Html:
 
 
 def _model_calls(trial: Trial) -> list[tuple[str, str]]:
-    """What the model was asked and cost, and how often the rules answered in its place."""
+    """Facts about the model's calls: their number and cost, and how often the rules answered in its
+    place."""
     row = trial_row(trial)
     calls = [call for execution in trial.executions for call in exchanges(execution)]
     if not row["decisions"]:

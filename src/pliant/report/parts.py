@@ -10,12 +10,12 @@ def outcome(success: bool) -> str:
 
 
 def badge(name: str, success: bool) -> Html:
-    """A word with a tick or a cross, on the verdict's colour."""
+    """A badge: a word with a tick or a cross, on the verdict's colour."""
     return tag("span", f"{'✓' if success else '✗'} {name}", class_=f"badge {outcome(success)}")
 
 
 def notice(text: str) -> Html:
-    """What must not be overlooked."""
+    """A notice of something that must not be overlooked."""
     return tag("p", text, class_="notice", role="note")
 
 
@@ -29,13 +29,13 @@ def chapter(title: str, name: str, *content: Html) -> Html:
 
 
 def facts(pairs: Sequence[tuple[str, str]]) -> Html:
-    """Names and values."""
+    """A list of names and values."""
     rows = (tag("div", tag("dt", name), tag("dd", value)) for name, value in pairs)
     return tag("dl", *rows, class_="facts")
 
 
 def truth_box(pairs: Sequence[tuple[str, str]]) -> Html:
-    """Facts that only the experiment knows, set apart."""
+    """A box of facts that only the experiment knows, set apart."""
     title = tag("h4", "Ground truth, not seen by the method")
     return tag("aside", title, facts(pairs), class_="truth")
 

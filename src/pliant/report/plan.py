@@ -1,4 +1,4 @@
-"""A recovery as it is shown: the analysis, and each step from what was proposed over what was
+"""The display of a recovery: the analysis, and each step from what was proposed over what was
 admitted to what was commanded."""
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from pliant.store import Pictures
 
 
 def recovery(executions: Sequence[Execution], index: int, pictures: Pictures) -> Html:
-    """What was planned after execution `index` failed; empty after a success."""
+    """The recovery that was planned after execution `index` failed; empty after a success."""
     execution = executions[index]
     found, admission = execution.recovery, execution.admission
     if found is None:
@@ -33,7 +33,7 @@ def recovery(executions: Sequence[Execution], index: int, pictures: Pictures) ->
 
 
 def _departures(found: Recovery) -> Html:
-    """Where the plan is not the model's own, plainly."""
+    """Notices where the plan is not the model's own, plainly."""
     notices = []
     if found.fallback:
         notices.append(notice(f"The rules planned in the model's place: {found.fallback}"))
@@ -81,7 +81,7 @@ def _steps(executions: Sequence[Execution], index: int) -> Html:
 
 
 def _commanded(executions: Sequence[Execution], index: int, admitted: Sequence[Step]) -> list[str]:
-    """For each admitted step, what was commanded, or why it was not."""
+    """The command that followed each admitted step, or why there was none."""
     shown: list[str] = []
     for n in range(1, len(admitted) + 1):
         if index + n >= len(executions):

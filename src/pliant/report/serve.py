@@ -31,7 +31,7 @@ _PATIENCE_S = 30.0  # for a browser that has stopped talking
 
 
 class Server:
-    """Serves `folder` on the loopback address, read only. It answers a request for a part of a
+    """A server of `folder` on the loopback address, read only. It answers a request for a part of a
     file, so that a video can be sought.
 
     Raises:
@@ -74,7 +74,7 @@ class _Loopback(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """A browser that went away in the middle is no error; anything else is a defect."""
+        """Report an error, unless a browser went away in the middle: anything else is a defect."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)  # type: ignore[arg-type]
 
@@ -102,7 +102,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(with_body=False)
 
     def log_message(self, *_: object, **__: object) -> None:
-        """Not shown: the terminal is for what matters."""
+        """Do not show requests: the terminal is for what matters."""
 
     def _answer(self, *, with_body: bool) -> None:
         if not self._is_for_us():
@@ -124,12 +124,14 @@ class _Handler(BaseHTTPRequestHandler):
                 self._send(file, path, with_body=with_body)
 
     def _is_for_us(self) -> bool:
-        """A page of another site may have its own name lead to this machine; it is not answered."""
+        """Whether a request names this machine. A page of another site may have its own name lead
+        to it; it is not answered."""
         name, _, _ = self.headers.get("Host", "").rpartition(":")
         return name in (HOST, "localhost")
 
     def _file(self, asked: str) -> Path | None:
-        """The file, or the folder that lacks its final slash; None: there is none in the root."""
+        """The file asked for, or the folder that lacks its final slash; None: there is none in the
+        root."""
         if not asked.startswith("/") or "\0" in asked or "\\" in asked:
             return None
         path = self.root / asked.lstrip("/")
@@ -175,7 +177,8 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _part(asked: str | None, size: int) -> _Part | None:
-    """What of a file is asked for: all unless one range is named; None: none of it is there."""
+    """The part of a file that is asked for: all unless one range is named; None: none of it is
+    there."""
     found = re.fullmatch(r"bytes=(\d*)-(\d*)", (asked or "").replace(" ", ""))
     if found is None or found.groups() == ("", ""):
         return _Part(0, size, size)

@@ -1,4 +1,4 @@
-"""What an experiment's page shows, read from its folder: a finished one's Parquet files, or the
+"""The data of an experiment's page, read from its folder: a finished one's Parquet files, or the
 journal of one that is not finished."""
 
 import json
@@ -21,8 +21,8 @@ Names = tuple[str, str, str, str]
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """`run` is run.json, `tables` what `pliant tables` gives, `trials` the rows of
-    trials.parquet."""
+    """A summary of an experiment: `run` is run.json, `tables` what `pliant tables` gives, `trials`
+    the rows of trials.parquet."""
 
     run: Document
     tables: Document
@@ -30,13 +30,13 @@ class Summary:
 
     @property
     def cells(self) -> Mapping[Names, Document]:
-        """The experiment's cells, as they are configured."""
+        """The experiment's cells by their names, as they are configured."""
         cells = self.run["configuration"].get("cells", [])
         return {_names(cell): cell for cell in cells}
 
     @property
     def planned(self) -> int:
-        """How many trials the experiment has when it is finished."""
+        """The number of trials that the experiment has when it is finished."""
         return int(self.run["configuration"].get("trials", 0)) * len(self.cells)
 
 

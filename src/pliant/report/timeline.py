@@ -68,7 +68,7 @@ _LEGEND = (
 
 
 def data(trial: Trial, spans: Sequence[Span] | None) -> dict[str, Any]:
-    """What the page's script draws: times [s], lengths [mm], angles [deg]."""
+    """The data that the page's script draws: times [s], lengths [mm], angles [deg]."""
     limits = Limits()
     motions = [motion for e in trial.executions for motion in e.outcome.motions]
     motions += trial.aborted.motions if trial.aborted is not None else ()
@@ -97,7 +97,7 @@ def data(trial: Trial, spans: Sequence[Span] | None) -> dict[str, Any]:
 
 
 def times(trial: Trial) -> list[tuple[float, float]]:
-    """When each execution begins and is judged, on the robot's clock [s]."""
+    """The times at which each execution begins and is judged, on the robot's clock [s]."""
     result: list[tuple[float, float]] = []
     for execution in trial.executions:
         motions = execution.outcome.motions
@@ -107,7 +107,8 @@ def times(trial: Trial) -> list[tuple[float, float]]:
 
 
 def _traces(motions: Sequence[Motion], every: int) -> dict[str, list[float | None]]:
-    """Columns over all motions, with a gap after each: nothing is measured between them."""
+    """Columns of a plot over all motions, with a gap after each: nothing is measured between
+    them."""
     columns: dict[str, list[float | None]] = {n: [] for n in ("time", *SHOWN, COMPRESSION)}
     order = list(Axis)
     for motion in motions:

@@ -1,5 +1,5 @@
-"""What was said to a model and by it: each call with its pictures, its words, and what became of
-them. A model's words are data, and shown as text."""
+"""A transcript of what was said to a model and by it: each call with its pictures, its words, and
+what became of them. A model's words are data, and shown as text."""
 
 from pliant.records import Exchange
 from pliant.report import words
@@ -8,7 +8,8 @@ from pliant.store import PICTURES, Pictures
 
 
 def transcript(exchanges: tuple[Exchange, ...], pictures: Pictures) -> Html:
-    """The calls in order, each folded; empty where there was none. `pictures` names the files."""
+    """The calls of a model in order, each folded; empty where there was none. `pictures` names the
+    files."""
     if not exchanges:
         return Html("")
     calls = (tag("li", _call(n, e, pictures)) for n, e in enumerate(exchanges, start=1))

@@ -1,4 +1,4 @@
-"""Everything that is kept and shown of one trial, in one folder."""
+"""The folder of one trial: everything that is kept and shown of it."""
 
 import hashlib
 from collections.abc import Mapping
@@ -105,8 +105,8 @@ def show(
 
 
 def is_shown(folder: Path, home: str | None = None) -> bool:
-    """Whether the page is there, made by this pliant from what is there now. One that lacks its
-    goal pictures is not: they may be known by now."""
+    """Whether a trial's page is there, made by this pliant from what is there now. One that lacks
+    its goal pictures is not: they may be known by now."""
     try:
         with (folder / PAGE).open(encoding="utf-8") as file:
             found = stamp_of(file.read(_HEAD))
@@ -117,7 +117,8 @@ def is_shown(folder: Path, home: str | None = None) -> bool:
 
 
 def _stamp(folder: Path, *, has_goals: bool, home: str | None) -> str:
-    """What a page is made from, in short: record, goals, video, and the code that makes it."""
+    """A short hash of what a page is made from: record, goals, video, and the code that makes
+    it."""
     total = hashlib.sha256(_code_digest())
     total.update(folders.read(folder / TRIAL, MOST_JSON))
     filmed = (folder / VIDEO).is_file() and (folder / replay.FILE).is_file()
@@ -184,7 +185,8 @@ def _goal_overlays(folder: Path, shared: str, teaching: Teaching) -> Mapping[For
 
 
 def _clear(folder: Path) -> None:
-    """Remove what `write` wrote before of another trial and may not write now."""
+    """Remove from a trial's folder what `write` wrote before of another trial and may not write
+    now."""
     for name in (PAGE, STRIP, VIDEO, replay.FILE):
         _remove(folder / name)
 
@@ -206,7 +208,7 @@ def _remove(path: Path) -> None:
 
 @lru_cache(maxsize=1)
 def _code_digest() -> bytes:
-    """Of the files that make pages."""
+    """A digest of the files that make pages."""
     total = hashlib.sha256()
     for file in sorted((files("pliant.report")).iterdir(), key=lambda f: f.name):
         if file.is_file() and not file.name.endswith(".pyc"):

@@ -44,7 +44,8 @@ _GREY: Colour = (190, 194, 200)
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """One frame: which sample of the trajectory it shows, and what is said below it."""
+    """One frame of the video: which sample of the trajectory it shows, and what is said below
+    it."""
 
     sample: int
     execution: Execution | None
@@ -53,7 +54,7 @@ class Shot:
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """Where an execution is in the video [s]: its motion, then its verdict standing still."""
+    """An execution's place in the video [s]: its motion, then its verdict standing still."""
 
     begins: float
     judged: float
@@ -61,7 +62,7 @@ class Span:
 
 
 def write(path: Path, trial: Trial, trajectory: Trajectory) -> None:
-    """Write the video.
+    """Write a trial's video.
 
     Raises:
         InputError: the trajectory is another task's, or there is no OpenGL, or the file cannot be
@@ -146,7 +147,8 @@ class _Drawn:
 
 
 def _thinning(qpos: NDArray[np.float32]) -> int:
-    """Of how many samples one is drawn, so that a long trial's video is made in bounded time."""
+    """The number of samples of which one is drawn, so that a long trial's video is made in bounded
+    time."""
     moving = int(np.count_nonzero(np.abs(np.diff(qpos, axis=0)).max(axis=1) > _UNMOVED))
     return max(_DRAWN_EVERY, math.ceil(moving / _MOST_DRAWN))
 
@@ -168,7 +170,8 @@ def _encode(path: Path, frames: Iterator[Picture]) -> None:
 
 
 def _caption(width: int, replay: Replay, trial: Trial, shot: Shot) -> Picture:
-    """Two lines: what is done with compression and time, and the verdict once it stands."""
+    """A picture of two lines: what is done with compression and time, and the verdict once it
+    stands."""
     caption = np.full((CAPTION, width, 3), DARK, np.uint8)
     time_s = float(replay.trajectory.time_s[shot.sample])
     gauge = f"compression {replay.compression(shot.sample) * 1e3:5.1f} mm    {time_s:5.1f} s"

@@ -17,9 +17,9 @@ _HOME = f"../../{trial.PAGE}"
 
 @dataclass(frozen=True, kw_only=True)
 class Viewed:
-    """The page to open, a trial's where the experiment's could not be made; how many trials' pages
-    were made, how many of them without goal pictures, and how many were up to date; and what is
-    wrong with those that have none."""
+    """The pages that were made: the one to open, a trial's where the experiment's could not be
+    made; how many trials' pages were made, how many of them without goal pictures, and how many
+    were up to date; and what is wrong with those that have none."""
 
     page: Path
     made: int
@@ -104,7 +104,7 @@ def _viewed(page: Path, counts: Counter[_Page], problems: Sequence[str]) -> View
 
 
 def _taught(stored: Trial, teachings: Sequence[Teaching]) -> Teaching | None:
-    """The teaching whose goals the trial had; None: it is not among these."""
+    """The teaching whose goals the trial had; None: it is not among `teachings`."""
     for teaching in teachings:
         if teaching.for_task(stored.task).goals == stored.goals:
             return teaching

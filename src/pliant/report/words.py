@@ -65,14 +65,14 @@ def yes_no(value: bool | None) -> str:
 
 
 def end(trial: Trial) -> str:
-    """Why the trial ended."""
+    """The reason why the trial ended, in words."""
     if trial.end_reason in list(End):
         return _ENDS[End(trial.end_reason)]
     return f"{trial.end_reason}: {trial.fault}" if trial.fault else trial.end_reason
 
 
 def drawn(name: str, value: float) -> tuple[str, str]:
-    """A drawn quantity's name and value."""
+    """A drawn quantity's name and value, in words."""
     words, known = _DRAWN.get(name, name.replace("_", " ")), QUANTITIES[name]
     if known.unit is not None:
         return words, in_units(known.unit, value)
@@ -90,7 +90,7 @@ def drawn_unit(name: str) -> str:
 
 
 def truth(now: Truth) -> list[tuple[str, str]]:
-    """What was really so, as names and values; of a real cell, a person's label."""
+    """The truth as names and values; of a real cell, a person's label."""
     label = ("inserted", yes_no(now.inserted))
     _, y, z = now.tip
     if not math.isfinite(z):

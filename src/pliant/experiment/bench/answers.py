@@ -1,4 +1,5 @@
-"""What was right, by the truth: whether an execution succeeded, and on failure what to do next.
+"""The right answers to cases, by the truth: whether an execution succeeded, and on failure what to
+do next.
 
 A formation succeeds when the peg is where the next skill can take over from it; pictures, poses and
 checks play no part. What to do next is the oracle's plan: the rules with the truth in place of
@@ -19,21 +20,23 @@ from pliant.recovery import admit
 from pliant.task import Task
 
 TOUCHING_M = 0.0005
-"""A wrist pressed by this much at rest touches something; in free hang it is pressed by less."""
+"""The compression from which a wrist at rest touches something [m]; in free hang it is pressed by
+less."""
 
 BELOW_M = 0.0005
-"""An edge this far below the board's surface is in the hole: contact is softer than that."""
+"""The depth below the board's surface at which an edge is in the hole [m]: contact is softer than
+that."""
 
 CHANGE_M = 0.001
-"""A goal changed by no more than this is the same goal: the paper's p_th."""
+"""The change up to which a goal counts as the same goal [m]: the paper's p_th."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """The right verdict and, after a failure, the right steps from the first that changes
-    something. No steps after a failure: none of the three formations that a plan may hold mends
-    it, and no reasoner is asked to, unless it is right to `stop` and say so, or to `go_on` with a
-    plan of which no more is scored than that there is one.
+    """The right answer to a case: the verdict and, after a failure, the right steps from the first
+    that changes something. No steps after a failure: none of the three formations that a plan may
+    hold mends it, and no reasoner is asked to, unless it is right to `stop` and say so, or to
+    `go_on` with a plan of which no more is scored than that there is one.
 
     `goals_m` are the least and the greatest goal [m] of the first step that reach its formation
     from here, found by trying them in the simulator.
@@ -47,7 +50,7 @@ class Answer:
 
     @property
     def asks(self) -> bool:
-        """Whether a reasoner is asked to recover."""
+        """Whether a reasoner is asked to recover from the case."""
         return bool(self.steps) or self.stop or self.go_on
 
 
@@ -93,14 +96,14 @@ def succeeded(case: Case, truth: Truth) -> bool:
 
 
 def change(step: Step, goals: Goals) -> float:
-    """By how much a step of Fit, Align or Insertion changes the goal in force [m]."""
+    """The amount [m] by which a step of Fit, Align or Insertion changes the goal in force."""
     axis = OWNED[step.formation][0]
     return step.goal[axis] - goals.formations[step.formation][axis]
 
 
 def _shortened(steps: tuple[Step, ...], case: Case) -> tuple[Step, ...]:
-    """Without a leading Align that changes nothing: a peg that stands well and was not stopped is
-    pushed on from where it is, at least as deep as was taught."""
+    """The steps without a leading Align that changes nothing: a peg that stands well and was not
+    stopped is pushed on from where it is, at least as deep as was taught."""
     stopped = case.outcome.stop.is_early
     if (
         case.outcome.step.formation is not Formation.INSERTION
@@ -116,7 +119,8 @@ def _shortened(steps: tuple[Step, ...], case: Case) -> tuple[Step, ...]:
 
 
 def _has_left_near_rim(task: Task, truth: Truth) -> bool:
-    """The bottom face's trailing edge is past the rim it came over, toward -y, or below it."""
+    """Whether the bottom face's trailing edge is past the rim it came over, toward -y, or below
+    it."""
     half = task.peg.half_extents[1]
     trailing = truth.tip[1] + half * math.cos(truth.tilt_rad)
     below = truth.depth_m - half * math.sin(truth.tilt_rad)
@@ -124,6 +128,7 @@ def _has_left_near_rim(task: Task, truth: Truth) -> bool:
 
 
 def _whole_face_in_hole(task: Task, truth: Truth) -> bool:
-    """Both edges of the bottom face are below the board's surface, and its centre in the hole."""
+    """Whether both edges of the bottom face are below the board's surface, and its centre in the
+    hole."""
     up = task.peg.half_extents[1] * abs(math.sin(truth.tilt_rad))
     return abs(truth.tip[1] - truth.hole_y) < half_hole(task) and truth.depth_m - up > BELOW_M

@@ -40,7 +40,7 @@ from pliant.teaching import Teaching
 
 SHIPPED = Path(__file__).with_name("cases.zip")
 SHIPPED_HASH = "dce37af16cba6b7e"
-"""Content hash of the set that ships: figures of different sets do not compare."""
+"""Content hash of the case set that ships: figures of different sets do not compare."""
 
 _CASES, _ANSWERS, _TEACHING = "cases.jsonl", "answers.jsonl", "teaching.json"
 _MOST_TEXT = 1 << 28  # [bytes] of a member that is text
@@ -53,7 +53,7 @@ T = TypeVar("T")
 
 
 class Kind(StrEnum):
-    """What makes a case hard, if anything."""
+    """The kinds of a case, by what makes it hard, if anything."""
 
     PLAIN = "plain"
     CONFLICT = "conflict"  # a check of the picture is wrong, or pose or compression fail a success
@@ -66,7 +66,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The trial that a case was met in, and after which of its executions."""
+    """The trial that a case was met in, and the execution after which it was."""
 
     peg: str
     condition: str
@@ -141,7 +141,8 @@ class Cases:
 
     @cached_property
     def hash(self) -> str:
-        """Content hash: of the text, which names each picture by the hash of its pixels."""
+        """Content hash of the set: of the text, which names each picture by the hash of its
+        pixels."""
         total = hashlib.sha256()
         for name in (_CASES, _ANSWERS, _TEACHING):
             total.update(hashlib.sha256(self._texts[name]).digest())
@@ -248,7 +249,8 @@ class _Pictures:
         return name
 
     def load(self, name: object) -> NDArray[np.uint8]:
-        """Raises ValueError if the picture is missing or not the one that was stored."""
+        """The picture of that name. Raises ValueError if it is missing or not the one that was
+        stored."""
         try:
             webp = _member(self.archive, f"pictures/{name}.webp", pictures.MOST_BYTES)
         except _BROKEN as error:
@@ -280,8 +282,8 @@ def _opened(path: Path) -> zipfile.ZipFile:
 
 
 def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """A member unpacked, into memory; no more is read than it says, and it may not say more than
-    `most`. Raises one of `_BROKEN`."""
+    """A member of an archive unpacked, into memory; no more is read than it says, and it may not
+    say more than `most`. Raises one of `_BROKEN`."""
     if archive.getinfo(name).file_size > most:
         raise zipfile.BadZipFile(f"{name} is larger than {most / 1e6:.0f} MB")
     return archive.read(name)

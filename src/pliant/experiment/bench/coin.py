@@ -29,7 +29,8 @@ class Coin:
         )
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
-        """A start, a change of its goal and a retreat or none, at random; the rest as it is."""
+        """Plan a start, a change of its goal and a retreat or none, at random; the rest as it
+        is."""
         toss = self._toss(case, "recover")
         start, change = toss.choice(RECOVERABLE), toss.uniform(-MOST_M, MOST_M)
         axis = OWNED[start][0]

@@ -13,13 +13,14 @@ from pliant.records import Case, Decision, Exchange, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
 
 Make = Callable[[str], Reasoner]
-"""Makes the reasoner for a case, given the case's name: each gets one of its own, as each trial."""
+"""A maker of the reasoner for a case, given the case's name: each gets one of its own, as each
+trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """A plan beside the right one. What admission refuses of it would not be done, and does not
-    count: a goal that a plan leaves alone stays the goal in force.
+    """A reasoner's plan marked beside the right one. What admission refuses of it would not be
+    done, and does not count: a goal that a plan leaves alone stays the goal in force.
 
     `direction` is None where the right change of the goal is no more than 1 mm.
     """
@@ -34,8 +35,8 @@ class Plan:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A case's answers. `plan` None: the execution had succeeded, or no plan could mend it.
-    `stopped` None: nothing was asked."""
+    """The marks of a case's answers. `plan` None: the execution had succeeded, or no plan could
+    mend it. `stopped` None: nothing was asked."""
 
     name: str
     kind: Kind
@@ -137,7 +138,7 @@ def _marked(recovery: Recovery | None, case: Case, answer: Answer) -> Plan:
 
 
 def _outside(goal: float, answer: Answer) -> float:
-    """How far a goal is from the nearest that reaches [m]."""
+    """The distance [m] of a goal from the nearest goal that reaches the formation."""
     right = answer.steps[0].goal
     low, high = answer.goals_m or (min(right.values()), max(right.values()))
     assert math.isfinite(goal), "admission refuses other goals"

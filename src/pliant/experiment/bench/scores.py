@@ -22,7 +22,8 @@ _RESAMPLES, _SEED = 2000, 1
 
 
 def scores(marks: Sequence[Mark]) -> Scores:
-    """Of all cases, of each group, and which cases were wrong."""
+    """The scores of all cases and of each group, with the names of the cases that were answered
+    wrongly."""
     return {
         "all": group(marks),
         **{f"by_{name}": _grouped(marks, of) for name, of in GROUPS.items()},
@@ -33,8 +34,8 @@ def scores(marks: Sequence[Mark]) -> Scores:
 
 
 def group(marks: Sequence[Mark]) -> Scores:
-    """Percentages are of those asked, each with its count and 95 % Wilson interval; a score that
-    no case of the group allows is None, or has n 0."""
+    """The scores of a group of cases. Percentages are of those asked, each with its count and 95 %
+    Wilson interval; a score that no case of the group allows is None, or has n 0."""
     plans = [m.plan for m in marks if m.plan is not None]
     return {
         "n": len(marks),
@@ -63,8 +64,9 @@ def _grouped(marks: Sequence[Mark], of: Callable[[Mark], str]) -> dict[str, Scor
 
 
 def _balanced_accuracy(marks: Sequence[Mark]) -> Scores | None:
-    """Mean of the shares of failures and of successes that were judged so; its interval squares and
-    adds those of both (Newcombe 1998). None where all cases are of one sort."""
+    """Balanced accuracy: the mean of the shares of failures and of successes that were judged so;
+    its interval squares and adds those of both (Newcombe 1998). None where all cases are of one
+    sort."""
     sorts = [[m.judged == m.success for m in marks if m.success is s] for s in (True, False)]
     if not all(sorts):
         return None
@@ -81,7 +83,8 @@ def _balanced_accuracy(marks: Sequence[Mark]) -> Scores | None:
 
 
 def _toward(plans: Sequence[Plan]) -> Scores | None:
-    """Median and mean [mm], each with its bootstrap interval."""
+    """Median and mean [mm] of how much nearer plans bring the goal to one that reaches, each with
+    its bootstrap interval."""
     if not plans:
         return None
     values = 1e3 * np.array([p.toward_m for p in plans])
@@ -99,8 +102,8 @@ def _with_interval(value: np.floating[Any], resampled: NDArray[np.float64]) -> S
 
 
 def _spent(decisions: Sequence[Sequence[Exchange]]) -> Scores:
-    """What the model cost. Latency is of a decision, with all its requests; the cost is None where
-    nobody knows the price of one."""
+    """The cost of the model's decisions. Latency is of a decision, with all its requests; the cost
+    in USD is None where nobody knows the price of one."""
     exchanges = [e for decision in decisions for e in decision]
     waits = [sum(e.latency_s for e in decision) for decision in decisions]
     half, most = np.quantile(waits, [0.5, 0.95]).tolist() if waits else (None, None)

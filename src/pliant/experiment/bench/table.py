@@ -13,7 +13,7 @@ _NONE = "–"
 
 
 def markdown(document: Document) -> str:
-    """All tables of a document of `run`."""
+    """All tables of a document of `run`, as Markdown."""
     document = escaped(document)
     n, of = document["cases"]["n"], document["cases"]["of"]
     part = "" if n == of else f", the first {n}"
@@ -67,7 +67,7 @@ def planning(document: Document) -> str:
 
 
 def stopping(document: Document) -> str:
-    """Of the reasoners that were asked where it is right to stop."""
+    """A table of how often reasoners stop, for those that were asked where it is right to stop."""
     rows = [
         [_name(name, s), _rate(s["all"]["stops"]), _rate(s["all"]["stops_needlessly"])]
         for name, s in document["reasoners"].items()
@@ -99,7 +99,7 @@ def spending(document: Document) -> str:
 
 
 def grouped(document: Document, by: str) -> str:
-    """The scores that tell groups apart, as counts; the JSON has their intervals."""
+    """A table of the scores that tell groups apart, as counts; the JSON has their intervals."""
     rows = []
     for name, s in document["reasoners"].items():
         for group, g in sorted(s[f"by_{by}"].items()):
@@ -127,14 +127,14 @@ def _share(scores: Document) -> Document | None:
 
 
 def _name(reasoner: str, scores: Document) -> str:
-    """Who a row is of: not the model where it decided nothing, and marked where it did not decide
-    all."""
+    """The name of a row: not the model's where it decided nothing, and marked where it did not
+    decide all."""
     share = _share(scores)
     return shown(reasoner, share) + (f" {PARTLY}" if is_partly(share) else "")
 
 
 def _own_beside(document: Document) -> list[str]:
-    """The head of a column of a model's own decisions, where any row is a model's."""
+    """The header cell of a column of a model's own decisions, where any row is a model's."""
     return ["own [%]"] if any(map(_share, document["reasoners"].values())) else []
 
 
@@ -144,7 +144,7 @@ def _own(scores: Document) -> str:
 
 
 def _marked(document: Document, table: str) -> str:
-    """A table, and what its names mean where they are not the plain ones."""
+    """A table, with the meaning of its names below it where they are not the plain ones."""
     return "\n\n".join([table, *marks(map(_share, document["reasoners"].values()))])
 
 
