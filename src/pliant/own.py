@@ -1,5 +1,4 @@
-"""What a user brings of their own, a reasoner or a method: a class in a file, by the name
-`path/to/file.py:Class`."""
+"""A user's own reasoner or method: a class in a file, by the name `path/to/file.py:Class`."""
 
 import importlib.util
 import sys

@@ -34,11 +34,11 @@ class Axis(StrEnum):
         return "deg" if self.is_angle else "mm"
 
     def to_report(self, value: float) -> float:
-        """SI value to millimetres or degrees."""
+        """Convert an SI value to millimetres or degrees."""
         return math.degrees(value) if self.is_angle else value * 1e3
 
     def from_report(self, value: float) -> float:
-        """Millimetres or degrees to SI."""
+        """Convert millimetres or degrees to SI."""
         return math.radians(value) if self.is_angle else value * 1e-3
 
 
@@ -97,7 +97,7 @@ class Pose:
 
 
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:  # (3, 3)
-    """Rz(yaw) Ry(pitch) Rx(roll)."""
+    """The rotation matrix (3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
     cr, sr = math.cos(roll), math.sin(roll)
     cp, sp = math.cos(pitch), math.sin(pitch)
     cy, sy = math.cos(yaw), math.sin(yaw)

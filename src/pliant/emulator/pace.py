@@ -1,4 +1,5 @@
-"""When the controller ticks: in real time, faster, or when the client grants it (lockstep).
+"""The pace at which the controller ticks: in real time, faster, or when the client grants it
+(lockstep).
 
 A controller that is too slow falls behind, and its time slips: it never makes up for it with a
 burst. Without credit, lockstep answers commands and sends its time stamp again, but steps no
@@ -19,7 +20,7 @@ _TICKS_UNSEEN = 25  # at most, within one grant: a client acts between grants, n
 
 
 class Pacing(StrEnum):
-    """How controller time relates to the wall's."""
+    """The relation between the controller's time and the wall's."""
 
     REAL = "real"
     FAST = "fast"
@@ -69,7 +70,7 @@ class Pace:
         self._awake.set()
 
     def wake(self) -> None:
-        """A client has written something."""
+        """Note that a client has written something."""
         self._awake.set()
 
     async def run(self) -> None:
