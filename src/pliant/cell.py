@@ -122,7 +122,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """One picture, when it was taken on the robot's clock, and the camera that took it."""
+    """A picture, when it was taken on the robot's clock, and the camera that took it."""
 
     camera: Camera
     time_s: float
@@ -131,8 +131,8 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """One answer of the cell when asked: measured pose, compression from free hang, with the
-    standard deviation that the readings' noise leaves in it, pictures."""
+    """An observation of the cell: measured pose, compression from free hang, with the standard
+    deviation that the readings' noise leaves in it, pictures."""
 
     time_s: float
     pose: Pose

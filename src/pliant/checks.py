@@ -38,8 +38,9 @@ def gathered(
     metrics: Mapping[Formation, Callable[[Task, Scene], Check]],
     scene: Scene | None = None,
 ) -> Evidence:
-    """Every check that the executed formation calls for, with a method's own in metres. Table I
-    reads the picture as it is; `scene` is what the others go by, if not what was measured last."""
+    """Make every check that the executed formation calls for, with a method's own in metres. Table
+    I reads the picture as it is; `scene` is what the others go by, if not what was measured
+    last."""
     scene = outcome.scene if scene is None else scene
     formation = outcome.step.formation
     checks = [pose_check(outcome), compression_check(outcome)]
@@ -217,13 +218,13 @@ def half_hole(task: Task) -> float:
 
 
 def near_rim(task: Task, scene: Scene) -> float:
-    """y of the rim that the peg comes from [m]: Fit travels toward -y."""
+    """The y [m] of the rim that the peg comes from: Fit travels toward -y."""
     assert scene.hole is not None
     return scene.hole.y.value + half_hole(task)
 
 
 def low_corner(peg: PegSeen) -> tuple[float, float]:
-    """(y, z) of the lower of the two bottom corners [m]."""
+    """The place (y, z) [m] of the lower of the two bottom corners."""
     left, right = (peg.left_y, peg.left_z), (peg.right_y, peg.right_z)
     return left if left[1] <= right[1] else right
 

@@ -83,7 +83,7 @@ class Goals:
         return pose
 
     def updated(self, step: Step) -> "Goals":
-        """These goals with the step's goal in place of its formation's; its shifts pass."""
+        """The goals with the step's goal in place of its formation's; the step's shifts pass."""
         owned = OWNED[step.formation]
         kept = {axis: value for axis, value in step.goal.items() if axis in owned}
         merged = {**self.formations[step.formation], **kept}

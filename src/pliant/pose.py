@@ -79,7 +79,7 @@ class Pose:
         return replace(self, **{axis.value: float(value) for axis, value in goal.items()})
 
     def error(self, other: "Pose", axes: Iterable[Axis]) -> dict[Axis, float]:
-        """`other - self` on the given axes, angles wrapped to (-pi, pi]."""
+        """The difference `other - self` on the given axes, angles wrapped to (-pi, pi]."""
         return {
             axis: math.remainder(other[axis] - self[axis], math.tau)
             if axis.is_angle
@@ -88,7 +88,7 @@ class Pose:
         }
 
     def position(self) -> NDArray[np.float64]:  # (3,) [m]
-        """x, y, z (3,) [m]."""
+        """The position x, y, z (3,) [m]."""
         return np.array([self.x, self.y, self.z])
 
     def rotation(self) -> NDArray[np.float64]:  # (3, 3)
@@ -118,7 +118,7 @@ def pose_from(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> P
 
 
 def angles_from(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) [rad] of a rotation matrix (3, 3), for |pitch| < pi/2."""
+    """The angles (roll, pitch, yaw) [rad] of a rotation matrix (3, 3), for |pitch| < pi/2."""
     roll = math.atan2(rotation[2, 1], rotation[2, 2])
     pitch = -math.asin(max(-1.0, min(1.0, float(rotation[2, 0]))))
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])

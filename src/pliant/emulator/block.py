@@ -53,7 +53,7 @@ class State:
 
 
 class Block:
-    """One shared block. The process that made it must `close` it last."""
+    """A block of shared memory. The process that made it must `close` it last."""
 
     def __init__(self, name: str | None = None) -> None:
         """Attach to a block by name, or make one."""

@@ -85,7 +85,8 @@ class ToolLine:
     """A path with the tool's centre point on a straight line, turning evenly about one axis [m]."""
 
     def __init__(self, plant: Plant, tool: Array, start: Array, end: Array) -> None:
-        """`tool` is the tool centre point on the flange, `start` joints (6,), `end` a transform."""
+        """Make the line: `tool` is the tool centre point on the flange, `start` joints (6,), `end`
+        a transform."""
         self._plant, self._flange_on_tool = plant, inverse(tool)
         begin = plant.flange_of(start) @ tool
         self._position, self._rotation = begin[:3, 3], begin[:3, :3]
@@ -157,7 +158,8 @@ class Drive:
     def __init__(
         self, start: Array, advance: Callable[[Array, Array], Array], *, joints: bool
     ) -> None:
-        """`advance(q, change)` gives the joints after a small change (6,) of tool or joints."""
+        """Begin at rest at `start`; `advance(q, change)` gives the joints after a small change (6,)
+        of tool or joints."""
         self.done = False
         self.joints = joints
         self._q, self._advance = start, advance

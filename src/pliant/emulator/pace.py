@@ -36,8 +36,8 @@ class Pace:
         publish: Callable[[bool], None],
         client_patience_s: float = 0.0,
     ) -> None:
-        """`publish(always)` sends out what is due, or everything. Time slips for up to
-        `client_patience_s` of the wall's while a client is late to feed its watchdog."""
+        """Pace a controller; `publish(always)` sends out what is due, or everything. Time slips for
+        up to `client_patience_s` of the wall's while a client is late to feed its watchdog."""
         self.pacing, self.speed = Pacing.REAL, 1.0
         self._client_patience_s = client_patience_s
         self._waited_s = 0.0  # for the client, since it was last in time

@@ -73,7 +73,7 @@ class Plant:
     # --- one tick --------------------------------------------------------------------------------
 
     def step(self, q: Array) -> None:
-        """One physics step with the servos' set points at `q` (6,)."""
+        """Take one physics step with the servos' set points at `q` (6,)."""
         self._data.ctrl[:] = q
         mujoco.mj_step(self._model, self._data)
         self._ticks += 1

@@ -31,7 +31,7 @@ FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches t
 def check(
     task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], belief: Belief
 ) -> Evidence:
-    """Every check that the executed formation calls for."""
+    """Make every check that the executed formation calls for."""
     metrics = {
         Formation.FIT: metric_far_wall,
         Formation.ALIGN: metric_upright,

@@ -254,7 +254,7 @@ class GuidedSkills:
             hand.dither(math.radians(2.5))
 
     def _hinge_over_hole(self, hand: Hand) -> float:
-        """y of the hinge for an upright peg in the hole [m], in the hole's frame."""
+        """The y [m] of the hinge for an upright peg in the hole, in the hole's frame."""
         angle = hand.belief.grasp_roll.value if hand.belief.grasp_roll else 0.0
         return self.task.grasp_below_hinge * math.sin(angle)
 

@@ -24,7 +24,7 @@ RIM_MARGIN_M = 0.0005  # Fit: the trailing corner is this far inside the near ri
 
 
 def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
-    """Every check that the executed formation calls for."""
+    """Make every check that the executed formation calls for."""
     metrics = {
         Formation.FIT: metric_fit,
         Formation.ALIGN: metric_align,
