@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """What is imported when it is asked for, so that `import pliant` alone takes no time."""
+    """Import a public name when it is asked for, so that `import pliant` alone takes no time."""
     if name == "run":
         from pliant.experiment.one import run
 

@@ -1,4 +1,4 @@
-"""What the looks so far say about the hole and the grasp: a pure fold over measurements."""
+"""The belief about the hole and the grasp after the looks so far: a pure fold over measurements."""
 
 import math
 from collections.abc import Mapping
@@ -35,7 +35,8 @@ class Belief:
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """One look: during which formation, from which measured pose, and what was measured."""
+    """One look: the formation and the measured pose in which it was taken, and what was
+    measured."""
 
     formation: Formation
     pose: Pose
@@ -43,8 +44,8 @@ class Seen:
 
 
 def hang_share(teaching: Teaching) -> float:
-    """What share of the hand's angle a freely hanging peg takes on: gravity turns the soft wrist
-    back. Read off the goals, which were taught with an aligned peg."""
+    """The share of the hand's angle that a freely hanging peg takes on: gravity turns the soft
+    wrist back. Read off the goals, which were taught with an aligned peg."""
     shown = teaching.scenes[Formation.APPROACH].peg
     if shown is None:
         return 0.5
@@ -52,7 +53,8 @@ def hang_share(teaching: Teaching) -> float:
 
 
 def sag_m(teaching: Teaching) -> float:
-    """How far the tool's weight stretches the wrist in free hang [m], read off the goals."""
+    """The length [m] by which the tool's weight stretches the wrist in free hang, read off the
+    goals."""
     shown, seen = teaching.demonstrations[Formation.APPROACH], teaching.scenes[Formation.APPROACH]
     if seen.peg is None:
         return 0.0
@@ -62,8 +64,8 @@ def sag_m(teaching: Teaching) -> float:
 
 
 def descent_of(belief: Belief, task: Task, teaching: Teaching, slid_m: float = 0.0) -> Descent:
-    """How low the hand may go by what is believed of the board; nominal until it was seen. A peg
-    that has slid up in the grasp by `slid_m` touches so much later [m]."""
+    """The geometric limit on how low the hand may go, by what is believed of the board; nominal
+    until it was seen. A peg that has slid up in the grasp by `slid_m` [m] touches so much later."""
     surface = belief.surface_z.value if belief.surface_z is not None else 0.0
     hang = task.tip_below_hinge + sag_m(teaching) - slid_m
     return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth)

@@ -50,8 +50,8 @@ Image = Annotated[NDArray[np.uint8], PlainValidator(_image_from), PlainSerialize
 
 
 class Stop(StrEnum):
-    """Why a motion ended. Robots tell the first two; a skill knows which of its limits was meant to
-    be met."""
+    """The reason why a motion ended. Robots tell the first two; a skill knows which of its limits
+    was meant to be met."""
 
     REACHED = "reached"
     COMPRESSION = "compression"
@@ -64,7 +64,7 @@ class Stop(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """What was measured along a motion, for plots: one row per sample."""
+    """The measurements along a motion, for plots: one row per sample."""
 
     time_s: Array  # (n,) robot clock
     pose: Array  # (n, 6) x, y, z [m], roll, pitch, yaw [rad]
@@ -73,7 +73,7 @@ class Trace:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """One straight motion: asked for, commanded, and where it ended."""
+    """One straight motion: the pose asked for, the one commanded, and where it ended."""
 
     requested: Pose
     commanded: Pose  # after the envelope
@@ -108,7 +108,7 @@ class Camera:
         return float(self.width / 2 + right * scale), float(self.height / 2 + down * scale)
 
     def on_plane_x(self, u: float, v: float, x: float) -> tuple[float, float]:
-        """(y, z) [m] where the ray through pixel (u, v) meets the plane at `x` [m]."""
+        """The point (y, z) [m] where the ray through pixel (u, v) meets the plane at `x` [m]."""
         ray = self.rotation @ np.array(
             [(u - self.width / 2) / self.focal_px, (v - self.height / 2) / self.focal_px, 1.0]
         )
@@ -122,7 +122,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """One picture, when it was taken on the robot's clock, and the camera that took it."""
+    """A picture, when it was taken on the robot's clock, and the camera that took it."""
 
     camera: Camera
     time_s: float
@@ -131,7 +131,7 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """What the cell gives when asked: measured pose, compression from free hang, with the standard
+    """An observation of the cell: measured pose, compression from free hang, with the standard
     deviation that the readings' noise leaves in it, pictures."""
 
     time_s: float
@@ -161,7 +161,7 @@ class Robot(Protocol):
         ...
 
     def tare(self) -> None:
-        """Count compression from here: at rest, in free hang."""
+        """Count compression from here on: at rest, in free hang."""
         ...
 
     def clock(self) -> float:
@@ -173,7 +173,7 @@ class Robot(Protocol):
         ...
 
     def halt(self) -> None:
-        """Stop where it is, now."""
+        """Stop the arm where it is, now."""
         ...
 
 
@@ -195,8 +195,8 @@ class Workcell(Protocol):
 
     @property
     def kind(self) -> str:
-        """What it is, as results name it: "sim", "ur5e", or "emulator", which is a simulated cell
-        behind a UR5e's software."""
+        """The kind of cell, as results name it: "sim", "ur5e", or "emulator", which is a simulated
+        cell behind a UR5e's software."""
         ...
 
     def prepare(self, task: Task, setup: Setup) -> Robot:
@@ -205,5 +205,5 @@ class Workcell(Protocol):
         ...
 
     def truth(self) -> Truth:
-        """What is true now."""
+        """The ground truth now."""
         ...

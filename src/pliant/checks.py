@@ -38,8 +38,9 @@ def gathered(
     metrics: Mapping[Formation, Callable[[Task, Scene], Check]],
     scene: Scene | None = None,
 ) -> Evidence:
-    """Every check that the executed formation calls for, with a method's own in metres. Table I
-    reads the picture as it is; `scene` is what the others go by, if not what was measured last."""
+    """Make every check that the executed formation calls for, with a method's own in metres. Table
+    I reads the picture as it is; `scene` is what the others go by, if not what was measured
+    last."""
     scene = outcome.scene if scene is None else scene
     formation = outcome.step.formation
     checks = [pose_check(outcome), compression_check(outcome)]
@@ -56,8 +57,8 @@ def gathered(
 
 
 def pose_check(outcome: Outcome) -> Check:
-    """Over the axes that the formation owns: the distance to the goal is at most 1 mm (the paper's
-    p_th), each angle within 0.5 degrees."""
+    """Check the terminal pose over the axes that the formation owns: the distance to the goal is at
+    most 1 mm (the paper's p_th), each angle within 0.5 degrees."""
     owned = OWNED[outcome.step.formation]
     error = outcome.target.error(outcome.pose, owned)
     distance = math.hypot(*(e for a, e in error.items() if not a.is_angle))
@@ -70,7 +71,7 @@ def pose_check(outcome: Outcome) -> Check:
 
 
 def compression_check(outcome: Outcome) -> Check:
-    """Whether the compression limit ended a motion."""
+    """Check whether the compression limit ended a motion."""
     peak = f"{outcome.peak_compression_m * 1e3:.1f} mm"
     if outcome.stop is Stop.COMPRESSION:
         return Check(name="compression", vote=False, message=f"limit reached at {peak}")
@@ -78,7 +79,7 @@ def compression_check(outcome: Outcome) -> Check:
 
 
 def table_i(formation: Formation, scene: Scene, on_hole: float) -> Check:
-    """Table I, with the paper's words. `on_hole` is the tolerance in pixels."""
+    """Apply Table I, with the paper's words. `on_hole` is the tolerance in pixels."""
     if scene.peg is None or scene.hole is None:
         return Check(name="table_i", vote=None, message="; ".join(scene.problems))
     center, edge = scene.peg.center_px[0], scene.peg.edge_px[0]
@@ -113,7 +114,7 @@ def _align_message(offset: float, tilt_deg: float, on_hole: float) -> str:
 
 
 def on_hole_px(outcome: Outcome) -> float:
-    """Table I's "on the hole" in the outcome's picture [px]."""
+    """The tolerance of Table I's "on the hole" in the outcome's picture [px]."""
     camera = outcome.looks[-1].observation.views["side"].camera
     return ON_HOLE_M / camera.metres_per_pixel(0.0)
 
@@ -124,9 +125,10 @@ def on_hole_px(outcome: Outcome) -> float:
 def doubt(
     task: Task, outcome: Outcome, belief: Belief, teaching: Teaching, *, answered: bool
 ) -> str | None:
-    """Why what was read of the wrist's compression cannot be true, or None: held against how high
-    the picture shows the tip. `answered` says whether the wrist's sensor has answered to being
-    pressed at all, which by the end of Insertion only a peg that is in the hole excuses."""
+    """The reason why what was read of the wrist's compression cannot be true, or None: it is held
+    against how high the picture shows the tip. `answered` says whether the wrist's sensor has
+    answered to being pressed at all, which by the end of Insertion only a peg that is in the hole
+    excuses."""
     felt = outcome.looks[-1].observation.compression_m
     seen = seen_compression(task, outcome, belief, teaching)
     if seen is not None and seen - felt > SEEN_M:
@@ -141,8 +143,8 @@ def doubt(
 
 
 def slid(task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> float | None:
-    """How far the peg has slid up in the grasp [m], by what is seen more than felt; None: the peg
-    is not seen. No peg is believed to slide further than by `MOST_SLID_M`."""
+    """The distance [m] that the peg has slid up in the grasp, by what is seen more than felt, or
+    None if the peg is not seen. No peg is believed to slide further than by `MOST_SLID_M`."""
     seen = seen_compression(task, outcome, belief, teaching)
     if seen is None:
         return None
@@ -152,8 +154,8 @@ def slid(task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> fl
 def seen_compression(
     task: Task, outcome: Outcome, belief: Belief, teaching: Teaching
 ) -> float | None:
-    """How far the wrist is pressed by the tip's height in the last picture [m]; a peg that slid up
-    in the grasp adds to it. None: the peg is not seen."""
+    """The wrist's compression [m] by the tip's height in the last picture; a peg that slid up in
+    the grasp adds to it. None: the peg is not seen."""
     peg, pose = outcome.scene.peg, outcome.pose
     if peg is None:
         return None
@@ -167,8 +169,8 @@ def seen_compression(
 
 
 def standing(peg: PegSeen, hole: HoleSeen) -> tuple[float, float, float, str]:
-    """The tip from the hole's centre [m], the tilt [deg] and the high corner's depth [m]; and in
-    words."""
+    """The tip's offset from the hole's centre along y [m], the tilt [deg], the high corner's depth
+    [m], and these in words."""
     offset = peg.tip_y.value - hole.y.value
     tilt = math.degrees(peg.tilt.value)
     depth = hole.surface_z.value - max(peg.left_z, peg.right_z)
@@ -180,7 +182,7 @@ def standing(peg: PegSeen, hole: HoleSeen) -> tuple[float, float, float, str]:
 
 
 def metric_insertion(task: Task, scene: Scene) -> Check:
-    """The centre of the bottom face is 10 mm deep, inside the hole."""
+    """Check that the centre of the bottom face is 10 mm deep, inside the hole."""
     if scene.peg is None or scene.hole is None:
         return unmade("metric", scene)
     depth = scene.hole.surface_z.value - scene.peg.tip_z.value
@@ -191,8 +193,9 @@ def metric_insertion(task: Task, scene: Scene) -> Check:
 
 
 def goal_picture(scene: Scene, taught: Scene | None) -> Check:
-    """The picture against the goal picture, relative to the hole: as much of the peg is hidden, to
-    the criterion's depth, and it stands as upright. The paper asks the VLM this question."""
+    """Compare the picture with the goal picture, relative to the hole: as much of the peg is
+    hidden, to the criterion's depth, and it stands as upright. The paper asks the VLM this
+    question."""
     if taught is None or taught.peg is None or taught.hole is None:
         return Check(name="goal_picture", vote=None, message="no goal picture", paper=True)
     if scene.peg is None or scene.hole is None:
@@ -215,13 +218,13 @@ def half_hole(task: Task) -> float:
 
 
 def near_rim(task: Task, scene: Scene) -> float:
-    """y of the rim that the peg comes from [m]: Fit travels toward -y."""
+    """The y [m] of the rim that the peg comes from: Fit travels toward -y."""
     assert scene.hole is not None
     return scene.hole.y.value + half_hole(task)
 
 
 def low_corner(peg: PegSeen) -> tuple[float, float]:
-    """(y, z) of the lower of the two bottom corners [m]."""
+    """The place (y, z) [m] of the lower of the two bottom corners."""
     left, right = (peg.left_y, peg.left_z), (peg.right_y, peg.right_z)
     return left if left[1] <= right[1] else right
 

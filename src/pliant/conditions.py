@@ -1,4 +1,4 @@
-"""What may differ from plan.
+"""The quantities that may differ from plan in a trial, and the conditions that draw them.
 
 `Condition.draw(seed)` gives a `Setup`, what is actual in one trial: it belongs to the experiment's
 side and never reaches a method (Sec. VI-A, "Randomized conditions").
@@ -30,7 +30,7 @@ class Quantity:
 
     @property
     def si_unit(self) -> str:
-        """As results name it: m, rad, s, or 1."""
+        """The unit as results name it: m, rad, s, or 1."""
         if self.unit is None:
             return self.symbol or "1"
         return "rad" if self.unit.is_angle else "m"
@@ -101,7 +101,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "hole_misread": _length(0.02, "how far off every reading of the hole's y is", two_sided=True),
     "compression_dead": _flag("the wrist's compression always reads the same"),
 }
-"""What may differ from plan in a trial. The first three are the paper's."""
+"""The quantities that may differ from plan in a trial. The first three are the paper's."""
 
 NOMINAL: Mapping[str, float] = {name: q.nominal for name, q in QUANTITIES.items()}
 
@@ -123,8 +123,8 @@ def in_words(quantity: str, value: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What is actual in one trial: every quantity of QUANTITIES [m, rad, s, 1]. Ground truth: it
-    stays on the experiment's side."""
+    """The actual value in one trial of every quantity of QUANTITIES [m, rad, s, 1]. Ground truth:
+    it stays on the experiment's side."""
 
     seed: int
     friction: float = 1.0
@@ -158,17 +158,19 @@ class Setup:
         return {name: getattr(self, name) for name in NOMINAL}
 
     def disturbed(self) -> dict[str, float]:
-        """Those that are not nominal."""
+        """The quantities that are not nominal, by their names."""
         return {name: v for name, v in self.quantities().items() if v != NOMINAL[name]}
 
     def stream(self, name: str) -> np.random.Generator:
-        """Random numbers of this trial's own, for what is not drawn once but again and again."""
+        """A named stream of this trial's own random numbers, for what is not drawn once but again
+        and again."""
         return _stream(self.seed, name)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """Which quantities are drawn, each uniformly from its range; the others stay nominal.
+    """A condition: the quantities that are drawn, each uniformly from its range; the others stay
+    nominal.
 
     Raises:
         InputError: a quantity is unknown, or its range is out of order or cannot be simulated.

@@ -46,7 +46,7 @@ class Lasting(Console):
         self._fall_quiet(BrokenPipeError())
 
     def check(self) -> None:
-        """Raises OSError when something could not be shown."""
+        """Raise OSError if something could not be shown."""
         if self.trouble is not None:
             raise self.trouble
 
@@ -55,7 +55,7 @@ class Lasting(Console):
 
 
 def say(text: str) -> None:
-    """Print to stdout what may be several lines, such as a table in Markdown."""
+    """Print a text to stdout. It may be several lines, such as a table in Markdown."""
     print(visible(text), flush=True)
 
 

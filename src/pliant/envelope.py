@@ -22,8 +22,9 @@ _SURFACE_M = 0.020  # from nominal: further no board is believed to be
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Where the hinge point may go [m, rad], how fast at all and where the peg may touch [m/s], how
-    far the wrist may be pressed [m], and how far one recovery may move a goal [m, rad]."""
+    """The limits of the envelope: where the hinge point may go [m, rad], how fast at all and where
+    the peg may touch [m/s], how far the wrist may be pressed [m], and how far one recovery may move
+    a goal [m, rad]."""
 
     low: Pose = Pose(x=-0.03, y=-0.10, z=0.12, roll=-0.5, pitch=-0.3, yaw=-0.5)
     high: Pose = Pose(x=0.03, y=0.10, z=0.40, roll=0.5, pitch=0.3, yaw=0.5)
@@ -38,8 +39,8 @@ class Limits:
         return Pose(**{a: min(max(pose[a], self.low[a]), self.high[a]) for a in Axis})
 
     def outside(self, goal: Partial, *, margin: bool = False) -> str | None:
-        """Why a goal lies outside the workspace, or None. With `margin`, as for goals: inside it by
-        so much that a pose measured at the goal is still within it."""
+        """The reason why a goal lies outside the workspace, or None. With `margin`, as for goals:
+        inside it by so much that a pose measured at the goal is still within it."""
         for axis, value in goal.items():
             inset = 0.0 if not margin else 0.01 if axis.is_angle else 0.001
             low, high = self.low[axis] + inset, self.high[axis] - inset
@@ -54,8 +55,8 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Descent:
-    """How low the hinge point may go over a board, by geometry alone: whatever the wrist's sensor
-    says.
+    """The limit on how low the hinge point may go over a board, by geometry alone: whatever the
+    wrist's sensor says.
 
     `surface_z` is where the board's surface is believed to be, `hang_m` how far below the hinge
     point the peg's tip hangs freely, `depth_m` how deep the hole lets it in [m].
@@ -66,9 +67,10 @@ class Descent:
     depth_m: float
 
     def lowest_z(self, stop_at_m: float, limits: Limits, *, proven: bool) -> float:
-        """Of a motion that ends at `stop_at_m` of compression [m]. One that ends earlier than at
-        the limit is for a touch, on the board's surface. `proven` says whether the wrist's sensor
-        has answered to being pressed: until then nothing goes further than a touch may."""
+        """The lowest height [m] of the hinge point in a motion that ends at `stop_at_m` of
+        compression [m]. One that ends earlier than at the limit is for a touch, on the board's
+        surface. `proven` says whether the wrist's sensor has answered to being pressed: until then
+        nothing goes further than a touch may."""
         surface = max(-_SURFACE_M, min(_SURFACE_M, self.surface_z))
         if stop_at_m < limits.compression_m:
             return surface + self.hang_m - stop_at_m - _BELOW_M
@@ -109,7 +111,8 @@ class Guarded:
         self._robot.__exit__(kind, error, traceback)
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
-        """Raises RobotFault("envelope") for a pose outside the workspace, after a halt."""
+        """Move as `Robot.move_to` does; a pose outside the workspace raises RobotFault("envelope"),
+        after a halt."""
         problem = self.limits.outside({axis: pose[axis] for axis in Axis})
         if problem is None and not (speed_m_s > 0 and stop_at_compression_m > 0):
             problem = "speed and compression limit must be above 0"
@@ -131,8 +134,9 @@ class Guarded:
         return motion
 
     def _hear(self, answer: Answer | None) -> None:
-        """A press that is felt too little may be of a peg that slid into the hole; several are not.
-        Once the sensor has answered, a slide is no news."""
+        """Judge how the sensor answered to a press. One that is felt too little may be of a peg
+        that slid into the hole; several are not. Once the sensor has answered, a slide is no
+        news."""
         if answer is None or self.has_answered:
             return
         self.has_answered = answer.is_within(_LIKELY)
@@ -149,7 +153,7 @@ class Guarded:
 
     def _not_too_low(self, pose: Pose, stop_at_m: float) -> Pose:
         """The pose, or as low on the way to it as geometry allows; where the arm is lower already,
-        at its height."""
+        the pose at the arm's height."""
         if self.descent is None:
             return pose
         lowest = self.descent.lowest_z(stop_at_m, self.limits, proven=self.has_answered)

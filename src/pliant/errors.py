@@ -27,15 +27,16 @@ class PliantError(Exception):
 
 
 class InputError(PliantError, ValueError):
-    """What was given, which value, what is valid and what to do, in one line. `place` is where in a
-    file's data the value stands: names of fields, and places in lists from 0."""
+    """The error for something a user gave: in one line what was given, which value, what is valid
+    and what to do. `place` is where in a file's data the value stands: names of fields, and places
+    in lists from 0."""
 
     place: tuple[str | int, ...] = ()
 
 
 @contextmanager
 def within(*place: str | int) -> Iterator[None]:
-    """Says of an InputError raised inside that its place lies within this one."""
+    """Say of an InputError raised inside that its place lies within this one."""
     try:
         yield
     except InputError as error:
@@ -65,15 +66,15 @@ def unknown(what: str, value: object, valid: Iterable[object], advice: str = "")
 
 
 def did_you_mean(name: object, valid: Iterable[object]) -> str:
-    """What may have been meant by a name that is not among the valid ones; "" where nothing is
-    near."""
+    """The question whether a similar valid name was meant, for a name that is not among the valid
+    ones; "" where nothing is near."""
     near = get_close_matches(str(name), [str(v) for v in valid], 1)
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def users_frames(error: BaseException) -> list[traceback.FrameSummary]:
-    """Where an exception passed through code that is neither pliant's nor an installed library's,
-    outermost first."""
+    """The places where an exception passed through code that is neither pliant's nor an installed
+    library's, outermost first."""
     frames = traceback.extract_tb(error.__traceback__)
     return [frame for frame in frames if not frame.filename.startswith(_LIBRARIES)]
 

@@ -47,7 +47,7 @@ def refuse_links(folder: Path, *, but: Collection[str] = ()) -> None:
 
 
 def refuse_link(path: Path) -> None:
-    """Raises InputError where a path is itself a link."""
+    """Raise InputError if a path is itself a link."""
     if path.is_symlink():
         raise _refused(str(path), True)
 

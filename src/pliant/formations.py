@@ -10,7 +10,7 @@ from pliant.pose import Axis, Partial, Pose, describe
 
 
 class Formation(StrEnum):
-    """CF0 to CF4, in order."""
+    """The five contact formations, CF0 to CF4, in order."""
 
     APPROACH = "approach"
     CONTACT = "contact"
@@ -34,7 +34,8 @@ OWNED: Mapping[Formation, tuple[Axis, ...]] = {
 before it, the paper's "-"."""
 
 RECOVERABLE = (Formation.FIT, Formation.ALIGN, Formation.INSERTION)
-"""Where a recovery plan may start (Sec. IV): Approach and Contact succeed under a fixed board."""
+"""The formations where a recovery plan may start (Sec. IV): Approach and Contact succeed under a
+fixed board."""
 
 MOST_TURN = math.radians(5)
 """The most by which one step may shift pitch or yaw [rad]."""
@@ -82,14 +83,14 @@ class Goals:
         return pose
 
     def updated(self, step: Step) -> "Goals":
-        """These goals with the step's goal in place of its formation's; its shifts pass."""
+        """The goals with the step's goal in place of its formation's; the step's shifts pass."""
         owned = OWNED[step.formation]
         kept = {axis: value for axis, value in step.goal.items() if axis in owned}
         merged = {**self.formations[step.formation], **kept}
         return Goals(formations={**self.formations, step.formation: merged})
 
     def touch_down_y(self, step: Step) -> float | None:
-        """Where along y a retreat comes down [m]: for Fit as far before its goal as was taught, for
+        """The y [m] where a retreat comes down: for Fit as far before its goal as was taught, for
         the others at the goal. None: the step does not retreat, or comes down where it is."""
         if not step.retreat or Axis.Y not in step.goal:
             return None

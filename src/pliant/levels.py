@@ -22,10 +22,10 @@ INSERT, STOP, EITHER = "insert", "stop", "either"
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """A rung: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion, `ranges` that
-    are drawn besides a condition's own, the `method` that is used unless another is asked for, and
-    the `senses` that measure its pictures. `right` is what a method should do in the end: insert,
-    stop and say so, or either."""
+    """A rung of the ladder: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion,
+    `ranges` that are drawn besides a condition's own, the `method` that is used unless another is
+    asked for, and the `senses` that measure its pictures. `right` is what a method should do in the
+    end: insert, stop and say so, or either."""
 
     name: str
     tests: str
@@ -47,7 +47,8 @@ class Level:
 
 
 def load_level(name: str) -> Level:
-    """
+    """The level or scenario of that name.
+
     Raises:
         InputError: no level has that name.
     """
@@ -97,4 +98,5 @@ def _field(name: str, quantity: Quantity) -> str:
 FIELDS: Mapping[str, tuple[str, Axis | None]] = {
     _field(name, q): (name, q.unit) for name, q in QUANTITIES.items()
 }
-"""What a level or a custom condition may draw: its field's name, the quantity, its unit's axis."""
+"""The fields by which a level or a custom condition draws: the field's name, the quantity, its
+unit's axis."""

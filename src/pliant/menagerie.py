@@ -1,4 +1,4 @@
-"""Where the robot models come from: the packaged Menagerie files, or the user's own checkout."""
+"""The source of the robot models: the packaged Menagerie files, or the user's own checkout."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""What stays on this machine or in the cell goes there directly, never through a proxy.
+"""Direct connections, never through a proxy, to what stays on this machine or in the cell.
 
 The variables that name a proxy are meant for the world outside. A robot, its cameras and a server
 on the loopback address cannot be reached through one, and what is sent to them, keys and pictures
@@ -23,7 +23,7 @@ def open_directly(url: str, timeout_s: float) -> HTTPResponse:
 
 
 def origin(url: str) -> str:
-    """Which server an address is of: scheme, host and port, as `https://example.org:443`.
+    """The server that an address is of: scheme, host and port, as `https://example.org:443`.
 
     Raises:
         ValueError: it is no address of http or https.

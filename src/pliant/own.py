@@ -1,5 +1,4 @@
-"""What a user brings of their own, a reasoner, a method or a cell: a class in a file, by the name
-`path/to/file.py:Class`."""
+"""A user's own reasoner, method or cell: a class in a file, by the name `path/to/file.py:Class`."""
 
 import importlib.util
 import sys

@@ -26,7 +26,7 @@ def located(path: str | Path, folder: Path | None = None) -> Path:
 
 
 def current_folder() -> Path:
-    """Raises InputError when it has been removed."""
+    """The current folder; raises InputError if it has been removed."""
     try:
         return Path.cwd()
     except OSError as error:

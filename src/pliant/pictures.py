@@ -1,4 +1,5 @@
-"""Pictures out and in: those from files and from outside, by their size before they are decoded.
+"""Writes and reads pictures: those from files and from outside by their size before they are
+decoded.
 
 A picture of one colour is small as a file and as large as it says in memory: one that says too much
 is refused by its header. PNG, JPEG and WebP are read, and nothing else that OpenCV knows.
@@ -24,7 +25,7 @@ _LOSSLESS = b"VP8L"
 
 
 def read(path: Path) -> Picture:
-    """A picture's file, decoded.
+    """Read a picture's file, and decode it.
 
     Raises:
         OSError: it cannot be read, is a link or no file, or is larger than a picture can be.
@@ -92,7 +93,8 @@ def _size_of_jpeg(data: bytes) -> tuple[int, int]:
 
 
 def _size_of_webp(data: bytes) -> tuple[int, int]:
-    """Of a still picture, lossless or lossy; the extended form can hold a film, and is not read."""
+    """Width and height [px] of a still WebP, lossless or lossy; the extended form can hold a film,
+    and is not read."""
     kind = data[12:16]
     if kind == _LOSSLESS:
         (bits,) = struct.unpack_from("<I", data, 21)

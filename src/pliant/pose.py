@@ -34,11 +34,11 @@ class Axis(StrEnum):
         return "deg" if self.is_angle else "mm"
 
     def to_report(self, value: float) -> float:
-        """SI value to millimetres or degrees."""
+        """Convert an SI value to millimetres or degrees."""
         return math.degrees(value) if self.is_angle else value * 1e3
 
     def from_report(self, value: float) -> float:
-        """Millimetres or degrees to SI."""
+        """Convert millimetres or degrees to SI."""
         return math.radians(value) if self.is_angle else value * 1e-3
 
 
@@ -79,7 +79,7 @@ class Pose:
         return replace(self, **{axis.value: float(value) for axis, value in goal.items()})
 
     def error(self, other: "Pose", axes: Iterable[Axis]) -> dict[Axis, float]:
-        """`other - self` on the given axes, angles wrapped to (-pi, pi]."""
+        """The difference `other - self` on the given axes, angles wrapped to (-pi, pi]."""
         return {
             axis: math.remainder(other[axis] - self[axis], math.tau)
             if axis.is_angle
@@ -88,7 +88,7 @@ class Pose:
         }
 
     def position(self) -> NDArray[np.float64]:  # (3,) [m]
-        """x, y, z (3,) [m]."""
+        """The position x, y, z (3,) [m]."""
         return np.array([self.x, self.y, self.z])
 
     def rotation(self) -> NDArray[np.float64]:  # (3, 3)
@@ -97,7 +97,7 @@ class Pose:
 
 
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:  # (3, 3)
-    """Rz(yaw) Ry(pitch) Rx(roll)."""
+    """The rotation matrix (3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
     cr, sr = math.cos(roll), math.sin(roll)
     cp, sp = math.cos(pitch), math.sin(pitch)
     cy, sy = math.cos(yaw), math.sin(yaw)
@@ -118,7 +118,7 @@ def pose_from(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> P
 
 
 def angles_from(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) [rad] of a rotation matrix (3, 3), for |pitch| < pi/2."""
+    """The angles (roll, pitch, yaw) [rad] of a rotation matrix (3, 3), for |pitch| < pi/2."""
     roll = math.atan2(rotation[2, 1], rotation[2, 2])
     pitch = -math.asin(max(-1.0, min(1.0, float(rotation[2, 0]))))
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])

@@ -1,4 +1,4 @@
-"""What a trial saw, thought and did, as frozen records that flow one way.
+"""Records of what a trial saw, thought and did: frozen, and flowing one way.
 
     Step -> Outcome -> Evidence -> Verdict -> (on failure) Recovery -> admitted Steps
 
@@ -34,7 +34,7 @@ class Look:
 
 
 class Looking(Protocol):
-    """Takes pictures with these cameras, now, and measures them."""
+    """Takes pictures with the named cameras, now, and measures them."""
 
     def __call__(self, cameras: Sequence[str] = ("side",)) -> Look: ...
 
@@ -59,7 +59,7 @@ class Outcome:
 
     @property
     def stop(self) -> Stop:
-        """Compression if any motion was stopped by it."""
+        """The stop of the whole execution: compression if any motion was stopped by it."""
         stopped = any(m.stop is Stop.COMPRESSION for m in self.motions)
         return Stop.COMPRESSION if stopped else Stop.REACHED
 
@@ -122,7 +122,8 @@ class Exchange:
 
 
 class Decision:
-    """What a verdict and a recovery have in common: who it came from in the end."""
+    """The part that a verdict and a recovery have in common: who the decision came from in the
+    end."""
 
     exchanges: tuple[Exchange, ...]
     fallback: str
@@ -157,7 +158,8 @@ class Verdict(Decision):
 
 @dataclass(frozen=True, kw_only=True)
 class FailureAnalysis:
-    """What happened, why, how to recover, and the motion from the current goal (Sec. V-B)."""
+    """The analysis of a failure: what happened, why, how to recover, and the motion from the
+    current goal (Sec. V-B)."""
 
     what: str
     why: str
@@ -189,7 +191,7 @@ class Recovery(Decision):
 
 @dataclass(frozen=True, kw_only=True)
 class Admission:
-    """What of a recovery may be done, and why the rest may not."""
+    """The steps of a recovery that may be done, and why the rest may not."""
 
     steps: tuple[Step, ...]
     refusals: tuple[str, ...] = ()
@@ -224,7 +226,7 @@ class Aborted:
 
 
 class KnownMethod(Protocol):
-    """What a reasoner may know of the method that does its plans (`pliant.methods.Method`)."""
+    """All that a reasoner may know of the method that does its plans (`pliant.methods.Method`)."""
 
     @property
     def name(self) -> str:
@@ -268,7 +270,8 @@ def shifts(method: KnownMethod, formation: Formation) -> tuple[Axis, ...]:
 
 
 def _is_method(value: Any) -> Any:
-    """Whoever reads a case puts the method in the place of its name: records know no methods."""
+    """Refuse a name as a method: whoever reads a case puts the method in its place, as records know
+    no methods."""
     if isinstance(value, str):
         raise ValueError(f"the method {value!r} was not looked up")
     return value
@@ -292,7 +295,7 @@ class Case:
 
 
 class End(StrEnum):
-    """How a trial ended. A fault is written `fault:<kind>`."""
+    """The way in which a trial ended. A fault is written `fault:<kind>`."""
 
     INSERTED = "inserted"  # judged so
     EXHAUSTED = "exhausted"  # ten failed verdicts in a row
@@ -327,13 +330,13 @@ class Trial:
 
     @property
     def judged(self) -> bool:
-        """The paper's F: the verdict on Insertion was success."""
+        """Whether the verdict on Insertion was success: the paper's F."""
         last = self.executions[-1] if self.executions else None
         return last is not None and last.formation is Formation.INSERTION and last.verdict.success
 
     @property
     def inserted(self) -> bool | None:
-        """The paper's G, where it is known."""
+        """Whether the peg is inserted in truth, where it is known: the paper's G."""
         return self.truths[-1].inserted if self.truths else None
 
     def __repr__(self) -> str:

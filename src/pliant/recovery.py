@@ -1,4 +1,4 @@
-"""What a reasoner is, and what of its plans may be done (Sec. V-B)."""
+"""The protocol of a reasoner, and which of its plans may be done (Sec. V-B)."""
 
 import math
 from typing import Protocol
@@ -23,7 +23,8 @@ class Reasoner(Protocol):
     def judge(self, case: Case) -> Verdict: ...
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
-        """None: keep to the plan. A recovery without steps: stop."""
+        """The recovery after a failed verdict. None: keep to the plan. A recovery without steps:
+        stop."""
         ...
 
 
@@ -79,13 +80,15 @@ def _refusal(
 
 
 def changes(step: Step, case: Case) -> Partial:
-    """How far a step moves its formation's goal in force; a shift is its own change."""
+    """The change [m, rad] that a step makes to its formation's goal in force; a shift is its own
+    change."""
     current = case.goals.formations[step.formation]
     return {axis: value - current.get(axis, 0.0) for axis, value in step.goal.items()}
 
 
 def _deeper_into_resistance(step: Step, case: Case, admitted: list[Step]) -> bool:
-    """Deeper than the last insertion that the compression limit stopped, at the same y."""
+    """Whether a step goes deeper than the last insertion that the compression limit stopped, at the
+    same y."""
     outcomes = [execution.outcome for execution in case.history] + [case.outcome]
     stopped = [
         o.target

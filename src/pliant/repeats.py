@@ -1,4 +1,5 @@
-"""When an execution repeats a state: the same skill was sent to the same goal and ended the same.
+"""Finds executions that repeat a state: the same skill was sent to the same goal and ended the
+same.
 
 An attempt that changes nothing is no new attempt. What counts as nothing is decided here alone,
 from what the method itself commanded and measured, so that it can be said of a real cell as well.
@@ -13,16 +14,16 @@ from pliant.records import Execution
 from pliant.vision.scene import Measured, Scene
 
 SAME_GOAL_M, SAME_GOAL_RAD = 0.0009, math.radians(0.5)
-"""Of commanded poses: less than the least change that a plan in whole millimetres can make. Guided
-skills correct what they are sent to by a few tenths each time."""
+"""The tolerance of commanded poses: less than the least change that a plan in whole millimetres can
+make. Guided skills correct what they are sent to by a few tenths each time."""
 SAME_POSE_M, SAME_POSE_RAD = 0.001, math.radians(0.5)
-"""Of measured poses: what the pose check lets pass as the same goal reached."""
+"""The tolerance of measured poses: what the pose check lets pass as the same goal reached."""
 SAME_SEEN_M, SAME_SEEN_RAD = 0.001, math.radians(1.0)
-"""Of what a picture shows, tip, depth and lean: blind retries in simulation, which end at the same
-place, are measured up to 0.6 mm and 0.2 deg apart."""
+"""The tolerance of what a picture shows, tip, depth and lean: blind retries in simulation, which
+end at the same place, are measured up to 0.6 mm and 0.2 deg apart."""
 SAME_COMPRESSION_M = 0.001
-"""Of compression, at its peak and at the end: 1 N on the published wrist's spring of 1 N/mm, less
-than a UR5e's own force sensor can be trusted for."""
+"""The tolerance of compression, at its peak and at the end: 1 N on the published wrist's spring of
+1 N/mm, less than a UR5e's own force sensor can be trusted for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +39,8 @@ class Repeat:
 
 
 def repeats(executions: Sequence[Execution]) -> tuple[Repeat | None, ...]:
-    """Of each execution, which earlier one it repeated; None: it was new. Each is compared with the
-    first of its kind, so that small changes that add up are a change."""
+    """The earlier execution that each execution repeated; None: it was new. Each is compared with
+    the first of its kind, so that small changes that add up are a change."""
     firsts: list[tuple[int, Execution]] = []
     times: dict[int, int] = {}
     found: list[Repeat | None] = []
@@ -56,7 +57,8 @@ def repeats(executions: Sequence[Execution]) -> tuple[Repeat | None, ...]:
 
 
 def of_which(executions: Sequence[Execution]) -> str:
-    """What to say after their number: ", of which 26 repeated a state", or nothing."""
+    """The words to say after the number of executions: ", of which 26 repeated a state", or
+    nothing."""
     n = sum(repeat is not None for repeat in repeats(executions))
     return f", of which {n} repeated a state" if n else ""
 
@@ -84,7 +86,7 @@ def _near(a: Pose, b: Pose, metres: float, radians: float) -> bool:
 
 
 def _looks_the_same(a: Scene, b: Scene) -> bool:
-    """The peg and the hole stand in the same places, or are hidden in both."""
+    """Whether the peg and the hole stand in the same places, or are hidden in both."""
     pairs = [(a.board_yaw, b.board_yaw, SAME_SEEN_RAD)]
     for name, tolerance in (
         ("tip_y", SAME_SEEN_M),

@@ -26,22 +26,22 @@ _heard: list[signal.Signals] = []
 
 
 def heed() -> None:
-    """From now on each of the three raises KeyboardInterrupt in the main thread. One that was to be
-    ignored, as with `nohup`, still is."""
+    """Let each of the three signals raise KeyboardInterrupt in the main thread from now on. One
+    that was to be ignored, as with `nohup`, still is."""
     for number in _ENDING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _interrupt)
 
 
 def ignore() -> None:
-    """From now on none of the three does anything: this process is ending already, or works for
-    another, which is asked to end as well and ends it in good order."""
+    """Ignore the three signals from now on: this process is ending already, or works for another,
+    which is asked to end as well and ends it in good order."""
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
 
 
 def work_for_parent() -> None:
-    """This process works for its parent and ends with it, however that ends. Ctrl-C and a closed
+    """Have this process work for its parent and end with it, however that ends. Ctrl-C and a closed
     terminal are the parent's to answer; SIGTERM is how it ends its workers."""
     for number in _ENDING:
         if number != signal.SIGTERM:
@@ -57,25 +57,25 @@ def _end_with_parent() -> None:
 
 
 def cause() -> str:
-    """What the last KeyboardInterrupt came from, in words."""
+    """The cause of the last KeyboardInterrupt, in words."""
     return _WORDS[_heard[-1].name] if _heard else _WORDS["SIGINT"]
 
 
 def interrupted() -> RobotFault:
-    """The fault as which a trial ends then."""
+    """The fault with which a trial ends that one of the three signals interrupted."""
     return RobotFault("interrupted", f"interrupted by {cause()}; the arm is halted")
 
 
 def exit_status() -> int:
-    """Of a process that one of the three ended, as shells have it."""
+    """The exit status of a process that one of the three signals ended, as shells have it."""
     return 128 + (_heard[-1] if _heard else signal.SIGINT)
 
 
 @contextmanager
 def once(within_s: float) -> Iterator[None]:
-    """In this block one request counts that comes several times within so many seconds: who presses
-    Ctrl-C again, while the arm is halted and the trial is written, must not stop that. A terminal
-    that is closed is followed by other signals, too."""
+    """Count a request to end that comes several times within so many seconds as one, in this block:
+    who presses Ctrl-C again, while the arm is halted and the trial is written, must not stop that.
+    A terminal that is closed is followed by other signals, too."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -108,7 +108,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _let_go_of_the_terminal() -> None:
-    """What is said from now on goes nowhere: writing to a terminal that is gone is an error, and
+    """Send what is said from now on nowhere: writing to a terminal that is gone is an error, and
     would stop what has to be done still."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for file in _STANDARD:

@@ -1,4 +1,5 @@
-"""Records to a folder and back: `trial.json`, and each picture once, named by what it shows.
+"""Writes records to a folder and reads them back: `trial.json`, and each picture once, named by
+what it shows.
 
 A record is written through pydantic's adapter of its dataclass: plain JSON, so that nothing read
 can run code. Files are written beside their name and then renamed: none is ever half there.
@@ -84,7 +85,7 @@ def load_trial(folder: Path) -> Trial:
 
 
 def save_case(folder: Path, case: Case) -> None:
-    """Write what a reasoner was asked, so that it can be asked again."""
+    """Write a case as a reasoner was asked it, so that it can be asked again."""
     _save(folder, CASE, "case", _cases(), case)
 
 
@@ -119,7 +120,7 @@ class Pictures:
         return self.folder / f"{picture_name(image)}.png"
 
     def save(self, image: NDArray[np.uint8]) -> str:
-        """The picture's name. It is written by `write`: what is raised here, pydantic hides."""
+        """Keep a picture for `write`, and return its name: what is raised here, pydantic hides."""
         name = picture_name(image)
         self.unwritten[name] = image
         return name
@@ -132,7 +133,7 @@ class Pictures:
                 write_bytes(path, pictures.encoded(image))
 
     def load(self, name: object) -> NDArray[np.uint8]:
-        """Raises ValueError if the picture is missing or not the one that was stored."""
+        """Read a picture; raises ValueError if it is missing or not the one that was stored."""
         if not isinstance(name, str) or re.fullmatch("[0-9a-f]{16}", name) is None:
             raise ValueError(f"picture name {name!r} is not a hash")
         if name not in self.loaded:
@@ -300,7 +301,7 @@ def _may_hold(path: Path) -> bool:
 
 def set_apart(run: Path, trial_id: str) -> Path | None:
     """Move a trial's record out of the way of the next one's, into the run's folder of trials that
-    are none; where to. None: it has no record.
+    are none, and return where to. None: it has no record.
 
     Raises:
         InputError: it cannot be moved.
@@ -323,7 +324,7 @@ def free_folder(folder: Path, name: str) -> Path:
 
 
 def trial_folder(run: Path, trial_id: str) -> Path:
-    """Where a run keeps a trial's record.
+    """The folder where a run keeps a trial's record.
 
     Raises:
         InputError: the id, as a file may give it, is not the name of a folder.

@@ -1,4 +1,4 @@
-"""What is inserted into what: nominal, so that a method may know all of it."""
+"""The task, which is what is inserted into what: nominal, so that a method may know all of it."""
 
 import math
 import os
@@ -84,7 +84,7 @@ class Peg:
 
     @property
     def half_extents(self) -> tuple[float, float]:
-        """How far the peg reaches from its axis along x and y [m]."""
+        """The distances [m] that the peg reaches from its axis along x and y."""
         if self.radius is not None:
             return self.radius, self.radius
         xs, ys = zip(*self.outline, strict=True)
@@ -92,8 +92,8 @@ class Peg:
 
     @property
     def silhouette_x(self) -> float:
-        """x of the peg's outline as the side camera sees it [m], halfway between its two edges: a
-        cylinder's is at its axis, a box's at its front face."""
+        """The x [m] of the peg's outline as the side camera sees it, halfway between its two edges:
+        a cylinder's is at its axis, a box's at its front face."""
         (_, left), (_, right) = self.silhouette()
         return (left + right) / 2
 
@@ -239,12 +239,13 @@ class Task:
 
     @property
     def tip_below_hinge(self) -> float:
-        """From the hinge point to the centre of the peg's bottom face, ungrasped angle 0 [m]."""
+        """The distance [m] from the hinge point to the centre of the peg's bottom face, grasp angle
+        0."""
         return self.grasp_below_hinge - self.peg_top_above_grasp + self.peg.length
 
     @property
     def tip_below_grasp(self) -> float:
-        """From the grasp to the centre of the peg's bottom face [m]."""
+        """The distance [m] from the grasp to the centre of the peg's bottom face."""
         return self.peg.length - self.peg_top_above_grasp
 
 
@@ -305,7 +306,8 @@ _Length = Annotated[float, Field(gt=0, lt=10_000)]  # [mm]
 
 
 class _PegFile(Fields):
-    """What every shape's file may say, in millimetres. Its hole is judged by `Hole`."""
+    """The fields that every shape's peg file may have, in millimetres. Its hole is judged by
+    `Hole`."""
 
     length_mm: Annotated[float, Field(ge=LENGTHS_MM[0], le=LENGTHS_MM[1])] = 90.0
     clearance_mm: _Signed = 2.0
@@ -359,7 +361,7 @@ def _peg_task(document: files.Document, name: str) -> Task:
 
 
 def _fault(outline: Outline) -> str | None:
-    """Why corners are no outline around the origin; None: they are one."""
+    """The reason why corners are no outline around the origin; None: they are one."""
     if len(outline) < 3:
         return f"an outline of {len(outline)} corners; it must have at least 3"
     if len(outline) > _MOST_CORNERS:
@@ -383,7 +385,8 @@ def _fault(outline: Outline) -> str | None:
 
 
 def _grown(outline: Outline, margin: float) -> Outline:
-    """Every edge moved outward by `margin` [m], and as long as it then must be to meet the next."""
+    """An outline with every edge moved outward by `margin` [m], and as long as it then must be to
+    meet the next."""
     normals = []
     for (ax, ay), (bx, by) in zip(outline, outline[1:] + outline[:1], strict=True):
         length = math.hypot(bx - ax, by - ay)

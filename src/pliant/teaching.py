@@ -1,4 +1,4 @@
-"""What was taught: a goal, a pose and a picture per contact formation (Sec. III: p_g and I_g).
+"""The teaching: a goal, a pose and a picture per contact formation (Sec. III: p_g and I_g).
 
 Goals are taught once, with the circular peg in the nominal cell, and used unchanged for every other
 peg, which is thereby unseen. They are kept as a YAML file with its pictures beside it.
@@ -29,8 +29,8 @@ from pliant.vision.scene import Scene
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """What was recorded when a goal was taught: the pose that was reached, the picture, the peg:
-    its name, or the absolute path of its file."""
+    """The record of how a goal was taught: the pose that was reached, the picture, the peg: its
+    name, or the absolute path of its file."""
 
     formation: Formation
     pose: Pose
@@ -160,7 +160,7 @@ class _Values(Fields):
 
     @property
     def partial(self) -> dict[Axis, float]:
-        """Those that are given: {"y_mm": 26} is {Axis.Y: 0.026}."""
+        """The values that are given, by their axes: {"y_mm": 26} is {Axis.Y: 0.026}."""
         units = {f"{axis}_{axis.report_unit}": axis for axis in Axis}
         given = [name for name in units if name in self.model_fields_set]
         return {units[name]: units[name].from_report(getattr(self, name)) for name in given}

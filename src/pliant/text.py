@@ -37,7 +37,8 @@ def visible(text: str) -> str:
 
 
 def in_a_line(text: str) -> str:
-    """As `visible`, with a sign for the end of a line, too: what is one line stays one."""
+    """The text as `visible` gives it, with a sign for the end of a line, too: what is one line
+    stays one."""
     return visible(text).replace("\n", _LINES_END).replace("\t", " ")
 
 

@@ -1,5 +1,5 @@
-"""What whoever commands an emulated cell must know: a token, which its emulator leaves where only
-the user who started it can read it.
+"""The token that whoever commands an emulated cell must know; its emulator leaves it where only the
+user who started it can read it.
 
 A port on this machine can be reached by other users, and by every web page in a browser. They can
 send, but not read a file.
@@ -45,7 +45,7 @@ def make(host: str, port: int) -> str:
 
 
 def remove(host: str, port: int) -> None:
-    """The emulator ends: nobody needs its token."""
+    """Remove the token of an emulator that ends: nobody needs it."""
     _file(host, port).unlink(missing_ok=True)
 
 
@@ -63,7 +63,7 @@ def known(host: str, port: int) -> str:
 
 
 def _file(host: str, port: int) -> Path:
-    """In the user's own folder, which may be the same on several machines."""
+    """The token's file in the user's own folder, which may be the same on several machines."""
     address = "127.0.0.1" if host == "localhost" else host
     place = os.environ.get("XDG_RUNTIME_DIR") or Path.home() / ".cache"
     name = f"emulator-{platform.node()}-{address}-{port}"

@@ -40,7 +40,8 @@ _FRESH_S = 0.15  # a picture so old is stale
 
 @dataclass(frozen=True, kw_only=True)
 class Patience:
-    """When to give up: failed verdicts in a row during recovery (the paper's ten), executions."""
+    """The limits at which a trial gives up: failed verdicts in a row during recovery (the paper's
+    ten), executions."""
 
     failures: int = 10
     executions: int = 40
@@ -58,7 +59,7 @@ class Question:
 
 @dataclass(kw_only=True, eq=False)
 class Run:
-    """One trial being run: iterate over it once; afterwards it holds how it ended.
+    """A trial being run: iterate over it once; afterwards it holds how it ended.
 
     `sight` None: the method's own, for the colours of the simulation. `aborted` is the execution
     that was begun and not judged when it ended, `clock_s` the robot's after the last.

@@ -1,5 +1,5 @@
-"""How far the soft wrist may be pressed or stretched, and whether what is read of it can be true:
-one rule for every cell.
+"""The limits within which the soft wrist may be pressed or stretched, and whether what is read of
+it can be true: one rule for every cell.
 
 The limit belongs to the wrist, not to a motion. Past it only unloading is allowed, whoever asks for
 a motion, until compression is below it again; a little further the cell counts as broken. Each
@@ -20,15 +20,16 @@ LIMIT_M = 0.020
 """The limit of the wrist that the paper's simulator has, pressed or stretched [m]."""
 
 OVER_M = 0.0025
-"""So far past the limit [m] the trial ends as a fault; braking takes up to 1.5 mm."""
+"""The distance past the limit [m] at which the trial ends as a fault; braking takes up to 1.5
+mm."""
 
 LOADED_M = 0.005
-"""A wrist that is so far from where it hung at first [m] does not hang freely: it is not tared. In
-healthy trials it was within 1.5 mm."""
+"""The distance [m] from where it hung at first at which a wrist does not hang freely: it is not
+tared. In healthy trials it was within 1.5 mm."""
 
 ANSWERS = (0.85, 1.25)
-"""What a believable wrist reads more for each millimetre that it is pressed by; healthy: 0.97 to
-1.06. At 0.85 a limit of 20 mm is kept within 23.5."""
+"""The range of what a believable wrist reads more for each millimetre that it is pressed by;
+healthy: 0.97 to 1.06. At 0.85 a limit of 20 mm is kept within 23.5."""
 
 _TOUCHED_M = 0.0008  # read, while the wrist is pressed
 _PRESS_M = 0.0012  # a press that tells how the reading answers
@@ -65,7 +66,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """How a wrist's reading answered to being pressed: for each metre that the hand came closer it
+    """The answer of a wrist's reading to being pressed: for each metre that the hand came closer it
     read `slope` more, which is known to a standard deviation of `sd`."""
 
     slope: float
@@ -79,7 +80,7 @@ class Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """What a wrist's readings so far mean for the next motion.
+    """The load on a wrist: what its readings so far mean for the next motion.
 
     `side` is 1 where it was pressed past its limit and has not come back, -1 where it was stretched
     past it, 0 within; `least_m` is the smallest reading of that side since then [m].
@@ -207,11 +208,11 @@ class Watch:
         return True
 
     def rest(self) -> None:
-        """The motion has ended."""
+        """Note that the motion has ended."""
         self._toward_m = None
 
     def answer(self) -> Answer | None:
-        """How the reading answered in the last motion; None: it was pressed too little to say. Of
+        """The answer of the reading in the last motion; None: it was pressed too little to say. Of
         all its ends that tell, the one where most was felt: a peg that slides, or goes into a hole,
         is felt less."""
         if self.last is None or len(self._press) < _LEAST_READINGS:

@@ -15,7 +15,8 @@ _PROGRAM = "python -m pliant.emulator"
 
 
 def main() -> None:
-    """Exit status: 0 stopped, 2 wrong usage or a port that is taken, 130 interrupted before."""
+    """Run the program. Exit status: 0 stopped, 2 wrong usage or a port that is taken, 130
+    interrupted before it was ready."""
     flags = (tyro.conf.EnumChoicesFromValues, tyro.conf.FlagCreatePairsOff)
     replace_unshowable(sys.stdout, sys.stderr)
     options = tyro.cli(Options, prog=_PROGRAM, config=flags)

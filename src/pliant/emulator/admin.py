@@ -30,13 +30,13 @@ class _Request(BaseModel):
 
 
 class Describe(_Request):
-    """Frames, tool, payload: what a client's configuration needs."""
+    """Ask for frames, tool and payload: what a client's configuration needs."""
 
     do: Literal["describe"]
 
 
 class State(_Request):
-    """The controller now."""
+    """Ask for the controller's state now."""
 
     do: Literal["state"]
 
@@ -53,7 +53,8 @@ class SetUp(_Request):
     grasp_roll: float | None = None  # [rad]
 
     def setup(self) -> Setup:
-        """
+        """The setup that the request asks for: drawn by a condition, or given.
+
         Raises:
             InputError: the condition is unknown, a value is out of range, or both are given.
         """
@@ -66,7 +67,7 @@ class SetUp(_Request):
 
 
 class Truth(_Request):
-    """Ground truth now."""
+    """Ask for the ground truth now."""
 
     do: Literal["truth"]
 
@@ -79,7 +80,7 @@ class Grant(_Request):
 
 
 class ChangePace(_Request):
-    """Another pace from now on."""
+    """Change the pace from now on."""
 
     do: Literal["pace"]
     mode: Pacing
@@ -87,7 +88,7 @@ class ChangePace(_Request):
 
 
 class Suffer(_Request):
-    """A fault, now."""
+    """Let a fault happen now."""
 
     do: Literal["fault"]
     fault: Fault
@@ -142,7 +143,7 @@ _ANSWER: TypeAdapter[dict[str, Any]] = TypeAdapter(dict[str, Any])
 
 
 def protocol(emulator: "Emulator") -> asyncio.BaseProtocol:
-    """One client's connection."""
+    """The protocol that serves one client's connection."""
 
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
@@ -174,7 +175,7 @@ async def _reply(emulator: "Emulator", line: bytes) -> dict[str, Any]:
 
 
 async def perform(emulator: "Emulator", request: Request) -> dict[str, Any]:
-    """Do what is asked; the answer's fields.
+    """Do what is asked, and return the answer's fields.
 
     Raises:
         PliantError: it cannot be done.

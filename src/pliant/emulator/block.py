@@ -33,7 +33,7 @@ _ATTEMPTS = 1000
 
 
 class CameraFault(StrEnum):
-    """What is wrong with the camera."""
+    """A fault of the camera, or none."""
 
     OK = "ok"
     FROZEN = "frozen"
@@ -43,7 +43,7 @@ class CameraFault(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """What a picture needs."""
+    """The plant's state, as far as a picture needs it."""
 
     time_s: float  # the controller's
     qpos: Array  # (nq,)
@@ -53,7 +53,7 @@ class State:
 
 
 class Block:
-    """One shared block. The process that made it must `close` it last."""
+    """A block of shared memory. The process that made it must `close` it last."""
 
     def __init__(self, name: str | None = None) -> None:
         """Attach to a block by name, or make one."""

@@ -55,7 +55,7 @@ class Artist:
         self._cameras: Cameras | None = None
 
     def draw(self, state: State, camera: str, kind: str) -> Frame:
-        """One frame of `camera`, as jpg or png."""
+        """Draw one frame of `camera`, as jpg or png."""
         cameras = self._for(state.peg)
         apply(self._model, state.setup)
         self._data.qpos[: len(state.qpos)] = state.qpos
@@ -142,7 +142,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(_NOT_FOUND, "text/plain", b"try /side.jpg, /wide.png or /cameras.json\n")
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002
-        """Requests are not worth a line each."""
+        """Log nothing: requests are not worth a line each."""
 
     def _calibration(self) -> None:
         server = self.server
@@ -192,7 +192,7 @@ class CameraProcess:
         theirs.close()
 
     def wait(self) -> None:
-        """Until it has drawn its first frame.
+        """Wait until the server has drawn its first frame.
 
         Raises:
             InputError: it cannot serve.
@@ -236,5 +236,5 @@ def _serve(host: str, port: int, block_name: str, ready: Connection) -> None:
 
 
 def described(cameras: bytes) -> list[Camera]:
-    """Calibrations from the text of /cameras.json."""
+    """The cameras' calibrations from the text of /cameras.json."""
     return TypeAdapter(list[Camera]).validate_python(json.loads(cameras))

@@ -43,7 +43,7 @@ class Admin:
         self._lines = self._socket.makefile("rb")
 
     def ask(self, do: str, **fields: object) -> dict[str, Any]:
-        """One request and its answer.
+        """Send one request and return its answer.
 
         Raises:
             InputError: the emulator refuses, or is gone.
@@ -72,7 +72,8 @@ class Admin:
         return Truth(**{**fields, "tip": tuple(fields["tip"])})
 
     def grant(self, ticks: int) -> float:
-        """Let a controller in lockstep go on; its time stamp [s] when it has."""
+        """Let a controller in lockstep go on by `ticks`, and return its time stamp [s] when it
+        has."""
         return float(self.ask("grant", ticks=ticks)["time_s"])
 
     def fault(self, kind: str, **fields: object) -> None:
@@ -97,7 +98,7 @@ class Admin:
 
 @contextmanager
 def started(*arguments: str) -> Iterator[Admin]:
-    """An emulator in a process of its own, which ends with this context or with this process.
+    """Start an emulator in a process of its own, which ends with this context or with this process.
 
     `arguments` are those of `python -m pliant.emulator`. The ports are fixed, the address is not:
     with `--host 127.0.0.2` a second one runs beside the first (on Linux).

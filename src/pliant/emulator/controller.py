@@ -55,7 +55,7 @@ class Runtime(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SafetyLimits:
-    """What the controller refuses by itself."""
+    """The limits that the controller enforces by itself."""
 
     force: float = 150.0  # [N] external, beyond which it stops
     box: tuple[float, ...] | None = None  # (6,) [m] low x, y, z, high x, y, z; base frame
@@ -72,7 +72,8 @@ class Registers:
 
 
 class Controller:
-    """Everything but the sockets. Call `tick` for every 2 ms, `idle` to answer without moving."""
+    """An emulated controller: everything but the sockets. Call `tick` for every 2 ms, `idle` to
+    answer without moving."""
 
     def __init__(self, plant: Plant, limits: SafetyLimits, noise: float = 0.0) -> None:
         self.plant, self.limits = plant, limits
@@ -111,7 +112,7 @@ class Controller:
         return (self.ticks - self._began_tick) * TICK
 
     def tick(self) -> None:
-        """Two milliseconds."""
+        """Advance by two milliseconds."""
         self.ticks += 1
         self._cycle()
         if self._watchdog_ticks and self.ticks - self._fed_tick > self._watchdog_ticks:
@@ -130,7 +131,7 @@ class Controller:
             call()
 
     def idle(self) -> None:
-        """Answer commands; time stands still."""
+        """Answer commands while time stands still."""
         self._cycle()
 
     def _cycle(self) -> None:
@@ -157,7 +158,8 @@ class Controller:
     # --- the trial -------------------------------------------------------------------------------
 
     def begin_trial(self) -> None:
-        """The plant has been set up anew: hold its home, the peg in the gripper."""
+        """Begin a trial for which the plant has been set up anew: hold its home, the peg in the
+        gripper."""
         self.q = self.plant.home
         self.qd = np.zeros(6)
         self.motion = Hold(self.q)
@@ -180,7 +182,7 @@ class Controller:
         self.program = Program(self, path)
 
     def end_program(self, why: str) -> None:
-        """The program is over; the arm comes to rest."""
+        """End the program; the arm comes to rest."""
         if self.program is None:
             return
         if why:
@@ -202,7 +204,7 @@ class Controller:
         return unfed > _MOSTLY * self._watchdog_ticks > 0
 
     def fed(self) -> None:
-        """A client wrote its command register."""
+        """Note that a client wrote its command register."""
         self._fed_tick = self.ticks
 
     # --- safety ----------------------------------------------------------------------------------
@@ -233,7 +235,7 @@ class Controller:
             self.mode = Mode.RUNNING
 
     def unlock(self) -> str:
-        """Release a protective stop; the dashboard's answer."""
+        """Release a protective stop, and return the dashboard's answer."""
         if self.safety is not Safety.PROTECTIVE_STOP:
             return "Protective stop releasing"  # as the dashboard says without one, too
         if (self.ticks - self._stopped_tick) * TICK < UNLOCK_AFTER_S:
@@ -245,7 +247,8 @@ class Controller:
         return "Protective stop releasing"
 
     def restore(self) -> None:
-        """What a technician does after a fault: release, power on, brakes off. No program runs."""
+        """Do what a technician does after a fault: release, power on, brakes off. No program
+        runs."""
         self.safety, self.mode = Safety.NORMAL, Mode.RUNNING
 
     def _stop_hard(self) -> None:

@@ -72,7 +72,8 @@ class Options:
     """end when the process that started this one does"""
 
     def check(self) -> None:
-        """
+        """Check the options.
+
         Raises:
             InputError: a value cannot be used.
         """
@@ -141,7 +142,8 @@ class Emulator:
         block: Block,
         schedule: list[tuple[float, faults.Fault]],
     ) -> None:
-        """`schedule`: when in each trial [s] which fault comes, in order."""
+        """Put a cell together; `schedule` says when in each trial [s] which fault comes, in
+        order."""
         self._options, self.plant, self._block = options, plant, block
         self._schedule, self._pending = schedule, list(schedule)
         limits = SafetyLimits(force=options.force_limit, box=options.box)
@@ -229,7 +231,8 @@ class Emulator:
         controller.motion = Travel(line, controller.q, speed, _GUIDED_ACCELERATION)
 
     def describe(self) -> dict[str, Any]:
-        """What a client's configuration needs, in the base frame."""
+        """Frames, tool, payload and pace in the base frame, as a client's configuration needs
+        them."""
         host, task = self._options.host, self.plant.task
         payload = nominal_payload(task)
         return {
@@ -250,7 +253,7 @@ class Emulator:
         }
 
     def state(self) -> dict[str, Any]:
-        """The controller now."""
+        """The controller's state now."""
         controller = self.controller
         return {
             "time_s": controller.time_s,

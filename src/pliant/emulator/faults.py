@@ -30,7 +30,7 @@ class ProtectiveStop(_Strict):
 
 
 class EmergencyStop(_Strict):
-    """Someone presses the button."""
+    """An emergency stop: someone presses the button."""
 
     kind: Literal["emergency_stop"]
 
@@ -40,28 +40,30 @@ class PowerOff(_Strict):
 
 
 class Stall(_Strict):
-    """The controller neither moves nor sends for some time of the wall's clock, then goes on."""
+    """A stall: the controller neither moves nor sends for some time of the wall's clock, then goes
+    on."""
 
     kind: Literal["stall"]
     seconds: Seconds
 
 
 class DropRtde(_Strict):
-    """Every RTDE connection is cut; new ones are refused for `refuse_s`."""
+    """A loss of RTDE: every connection is cut; new ones are refused for `refuse_s`."""
 
     kind: Literal["drop_rtde"]
     refuse_s: Seconds = 0.0
 
 
 class CameraState(_Strict):
-    """Frames stop changing, are answered with status 503, or with a closed connection."""
+    """A state of the camera: frames stop changing, are answered with status 503, or with a closed
+    connection."""
 
     kind: Literal["camera"]
     state: CameraFault
 
 
 class GripperLost(_Strict):
-    """The peg slips out of the fingers, as the gripper reports it."""
+    """A lost peg: it slips out of the fingers, as the gripper reports it."""
 
     kind: Literal["gripper_lost"]
 
@@ -100,7 +102,7 @@ def fault(data: object) -> Fault:
 
 
 def load(path: Path) -> list[tuple[float, Fault]]:
-    """(at_s, fault) in the order in which they come.
+    """The faults in a file as (at_s, fault), in the order in which they come.
 
     Raises:
         InputError: the file cannot be read, or is not a list of faults.

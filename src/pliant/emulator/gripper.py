@@ -7,7 +7,7 @@ or losing the peg, changes what the gripper reports, not the physics.
 from enum import IntEnum
 
 REFUSED = "nack"
-"""The reply to what is no request."""
+"""The reply to a line that is no request."""
 
 _CLOSED, _HOLDING = 255, 120  # positions: fully closed, and closed on a peg
 _FASTEST, _SLOWEST = 400.0, 55.0  # [1/s] in units of position
@@ -17,7 +17,7 @@ _READABLE = ("ACT", "GTO", "FOR", "SPE", "POS", "PRE", "STA", "OBJ", "FLT", "ATR
 
 
 class Object(IntEnum):
-    """Object detection."""
+    """The gripper's object detection, as its variable OBJ reports it."""
 
     MOVING = 0
     OPENING = 1  # contact while opening
@@ -26,7 +26,7 @@ class Object(IntEnum):
 
 
 class Gripper:
-    """Activated and closed on the peg, to begin with."""
+    """An emulated gripper: activated and closed on the peg, to begin with."""
 
     def __init__(self) -> None:
         self._set = {"ACT": 1, "GTO": 1, "FOR": 255, "SPE": 255, "ATR": 0, "ARD": 0}
@@ -36,13 +36,13 @@ class Gripper:
         self.readable = True  # not under an emergency stop
 
     def grip(self) -> None:
-        """Closed on the peg again."""
+        """Close the fingers on the peg again."""
         self._set |= {"ACT": 1, "GTO": 1}
         self._target, self._position, self._activating_s = _CLOSED, float(_HOLDING), 0.0
         self._has_peg = True
 
     def lose(self) -> None:
-        """The peg slips out; the fingers close on nothing."""
+        """Let the peg slip out; the fingers close on nothing."""
         self._has_peg = False
 
     def step(self, dt: float) -> None:

@@ -1,4 +1,5 @@
-"""How commanded joints move: along a path with trapezoidal speed, at a speed, or behind a target.
+"""Motions of the commanded joints: along a path with trapezoidal speed, at a speed, or behind a
+target.
 
 The controller asks its motion for the next joints (6,) once per tick. Commanded joints know nothing
 of the measured ones.
@@ -47,7 +48,7 @@ class Motion(Protocol):
 
 
 class Hold:
-    """Stay."""
+    """A motion that stays where it is."""
 
     def __init__(self, q: Array) -> None:
         self.done = True
@@ -57,7 +58,7 @@ class Hold:
         return self._q
 
     def brake(self, deceleration: float, *, joints: bool) -> None:
-        """It is at rest."""
+        """Do nothing: the motion is at rest."""
 
 
 class Path(Protocol):
@@ -70,7 +71,7 @@ class Path(Protocol):
 
 
 class JointLine:
-    """All joints in proportion; the length is the fastest joint's [rad]."""
+    """A path on which all joints move in proportion; the length is the fastest joint's [rad]."""
 
     def __init__(self, start: Array, end: Array) -> None:
         self._start, self._turn = start, end - start
@@ -81,10 +82,11 @@ class JointLine:
 
 
 class ToolLine:
-    """The tool's centre point on a straight line, turning evenly about one axis [m]."""
+    """A path with the tool's centre point on a straight line, turning evenly about one axis [m]."""
 
     def __init__(self, plant: Plant, tool: Array, start: Array, end: Array) -> None:
-        """`tool` is the tool centre point on the flange, `start` joints (6,), `end` a transform."""
+        """Make the line: `tool` is the tool centre point on the flange, `start` joints (6,), `end`
+        a transform."""
         self._plant, self._flange_on_tool = plant, inverse(tool)
         begin = plant.flange_of(start) @ tool
         self._position, self._rotation = begin[:3, 3], begin[:3, :3]
@@ -102,7 +104,8 @@ class ToolLine:
 
 
 class Travel:
-    """Along a path from rest to rest: trapezoidal speed, which `scale` may change on the way."""
+    """A motion along a path from rest to rest: trapezoidal speed, which `scale` may change on the
+    way."""
 
     def __init__(self, path: Path, start: Array, speed: float, acceleration: float) -> None:
         self.done = path.length < _DONE
@@ -149,13 +152,14 @@ def _speed_to_stop(left: float, deceleration: float, dt: float) -> float:
 
 
 class Drive:
-    """At a velocity that changes with limited acceleration: of the tool [m/s, rad/s], or of the
-    joints [rad/s]."""
+    """A motion at a velocity that changes with limited acceleration: of the tool [m/s, rad/s], or
+    of the joints [rad/s]."""
 
     def __init__(
         self, start: Array, advance: Callable[[Array, Array], Array], *, joints: bool
     ) -> None:
-        """`advance(q, change)` gives the joints after a small change (6,) of tool or joints."""
+        """Begin at rest at `start`; `advance(q, change)` gives the joints after a small change (6,)
+        of tool or joints."""
         self.done = False
         self.joints = joints
         self._q, self._advance = start, advance
@@ -184,7 +188,8 @@ class Drive:
 
 
 def tool_advance(plant: Plant, tool: Array) -> Callable[[Array, Array], Array]:
-    """How joints follow a small motion of the tool's centre point (6,) in base axes."""
+    """A function that moves joints by a small motion of the tool's centre point (6,) in base
+    axes."""
     flange_on_tool = inverse(tool)
 
     def advance(q: Array, change: Array) -> Array:
@@ -197,7 +202,8 @@ def tool_advance(plant: Plant, tool: Array) -> Callable[[Array, Array], Array]:
 
 
 class Follow:
-    """Behind a target that the client keeps moving, as servoj does: smoothed, speed-limited."""
+    """A motion behind a target that the client keeps moving, as servoj does: smoothed,
+    speed-limited."""
 
     def __init__(self, start: Array, limit: float) -> None:
         self.done = False

@@ -1,4 +1,5 @@
-"""What the controller reports over RTDE: every variable's type, and where its value comes from.
+"""The variables that the controller reports over RTDE: their types, and where each value comes
+from.
 
 Variables that the cell has no counterpart for (temperatures, currents, voltages) are constant.
 """

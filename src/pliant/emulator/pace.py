@@ -1,4 +1,5 @@
-"""When the controller ticks: in real time, faster, or when the client grants it (lockstep).
+"""The pace at which the controller ticks: in real time, faster, or when the client grants it
+(lockstep).
 
 A controller that is too slow falls behind, and its time slips: it never makes up for it with a
 burst. Without credit, lockstep answers commands and sends its time stamp again, but steps no
@@ -19,7 +20,7 @@ _TICKS_UNSEEN = 25  # at most, within one grant: a client acts between grants, n
 
 
 class Pacing(StrEnum):
-    """How controller time relates to the wall's."""
+    """The relation between the controller's time and the wall's."""
 
     REAL = "real"
     FAST = "fast"
@@ -35,8 +36,8 @@ class Pace:
         publish: Callable[[bool], None],
         client_patience_s: float = 0.0,
     ) -> None:
-        """`publish(always)` sends out what is due, or everything. Time slips for up to
-        `client_patience_s` of the wall's while a client is late to feed its watchdog."""
+        """Pace a controller; `publish(always)` sends out what is due, or everything. Time slips for
+        up to `client_patience_s` of the wall's while a client is late to feed its watchdog."""
         self.pacing, self.speed = Pacing.REAL, 1.0
         self._client_patience_s = client_patience_s
         self._waited_s = 0.0  # for the client, since it was last in time
@@ -69,7 +70,7 @@ class Pace:
         self._awake.set()
 
     def wake(self) -> None:
-        """A client has written something."""
+        """Note that a client has written something."""
         self._awake.set()
 
     async def run(self) -> None:

@@ -26,7 +26,8 @@ _TICKS_PER_FRAME = 20  # of the stored trajectory: 25 Hz
 
 
 def nominal_payload(task: Task) -> Payload:
-    """What a client sets: gripper and peg, straight, the wrist stretched by their weight."""
+    """The payload that a client sets: gripper and peg, straight, the wrist stretched by their
+    weight."""
     mass = c.GRIPPER_MASS + c.PEG_MASS
     peg = task.tip_below_hinge - task.peg.length / 2
     below = (c.GRIPPER_MASS * c.GRIPPER_COM_BELOW_HINGE + c.PEG_MASS * peg) / mass
@@ -72,7 +73,7 @@ class Plant:
     # --- one tick --------------------------------------------------------------------------------
 
     def step(self, q: Array) -> None:
-        """One physics step with the servos' set points at `q` (6,)."""
+        """Take one physics step with the servos' set points at `q` (6,)."""
         self._data.ctrl[:] = q
         mujoco.mj_step(self._model, self._data)
         self._ticks += 1
@@ -120,7 +121,7 @@ class Plant:
     # --- kinematics ------------------------------------------------------------------------------
 
     def flange_of(self, q: Array) -> Array:  # (4, 4)
-        """The flange at joint angles (6,)."""
+        """The flange's transform at joint angles (6,)."""
         position, matrix = self._arm.pose_of(q)
         return placed(position - self._base_position, matrix) @ self._flange_on_hinge
 
@@ -134,7 +135,7 @@ class Plant:
         return self._arm.solve(hinge[:3, 3] + self._base_position, hinge[:3, :3], near)
 
     def solution(self, flange: Array, near: Array) -> Array | None:
-        """As `solve`; None: it cannot be reached."""
+        """Joint angles as `solve` finds them; None: the flange cannot be put there."""
         try:
             return self.solve(flange, near)
         except RobotFault:

@@ -42,7 +42,8 @@ class _Refused(Exception):
 
 
 class Program:
-    """Call `cycle` once per controller cycle, until it returns False."""
+    """The running control program. Call `cycle` once per controller cycle, until it returns
+    False."""
 
     def __init__(self, controller: "Controller", path: tuple[Waypoint, ...]) -> None:
         self._c, self._path = controller, path
@@ -128,7 +129,7 @@ class Program:
             yield
 
     def _start(self, operation: Iterator[None]) -> Iterator[None] | None:
-        """In the background where the client asks for it, else until done."""
+        """Start an operation: in the background where the client asks for it, else until done."""
         self._cancel()
         if self._registers.in_int[1] != 1:
             return operation
@@ -209,7 +210,7 @@ class Program:
         return self._start(self._rest())
 
     def _halted(self) -> Iterator[None]:
-        """For speedStop and servoStop."""
+        """Brake and come to rest, for speedStop and servoStop."""
         self._c.motion.brake(self._double(0) or _CONTACT_STOP, joints=False)
         yield from self._rest()
 
@@ -261,7 +262,7 @@ class Program:
         self._c.freedrive = True
 
     def _end_freedrive(self) -> None:
-        """The arm brakes where it was led; the script goes on."""
+        """End freedrive: the arm brakes where it was led; the script goes on."""
         self._c.freedrive = False
         self._c.motion.brake(_CONTACT_STOP, joints=False)
 

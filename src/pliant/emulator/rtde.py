@@ -21,7 +21,7 @@ _MOST_UNSENT = 1 << 16  # [bytes]; a client that does not read misses packages
 
 
 def frame(command: str, body: bytes) -> bytes:
-    """One message."""
+    """One message with its header."""
     return _HEADER.pack(_HEADER.size + len(body), ord(command)) + body
 
 
@@ -145,7 +145,7 @@ class Rtde:
 
 
 class Connection(asyncio.Protocol):
-    """One client."""
+    """One client's connection, with its subscription."""
 
     def __init__(self, rtde: Rtde) -> None:
         self._rtde, self._controller = rtde, rtde.controller
@@ -236,7 +236,8 @@ class Connection(asyncio.Protocol):
         return bytes([len(self._inputs)]) + ",".join(types).encode()
 
     def _take(self, body: bytes) -> None:
-        """Values in the recipe's order; some clients send fewer or more than the recipe has."""
+        """Take values in the recipe's order; some clients send fewer or more than the recipe
+        has."""
         number = body[0] if body else 0
         if not 1 <= number <= len(self._inputs):
             raise ValueError(f"there is no input recipe {number}")

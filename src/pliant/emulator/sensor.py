@@ -11,7 +11,7 @@ GRAVITY = 9.81  # [m/s2], as in the simulated cell
 
 @dataclass(frozen=True, kw_only=True)
 class Payload:
-    """What the controller believes hangs on the flange."""
+    """The payload that the controller believes hangs on the flange."""
 
     mass: float = 0.0  # [kg]
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] on the flange

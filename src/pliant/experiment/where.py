@@ -60,7 +60,8 @@ class Where:
 
     @property
     def kind(self) -> str:
-        """The kind of cell as results name it: "sim", "ur5e", "emulator", or what a user's own calls itself."""
+        """The kind of cell as results name it: "sim", "ur5e", "emulator", or what a user's own cell
+        calls itself."""
         if self._made is not None:
             return self._made.kind
         return "sim" if self.configuration is None else self.configuration.kind

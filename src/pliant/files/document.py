@@ -1,4 +1,4 @@
-"""What a person wrote: plain data, with the place in the text where each value stands."""
+"""A file that a person wrote: plain data, with the place in the text where each value stands."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -13,13 +13,14 @@ from pliant.files.scalars import shortened
 from pliant.text import in_a_line
 
 Place = tuple[str | int, ...]
-"""Where a value stands in a document: names of fields, and places in lists from 0."""
+"""The place where a value stands in a document: names of fields, and places in lists from 0."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Where a value begins, on a line from 1 and at a character of the text from 0, where it ends,
-    and how it is written: its `text` without quotes, "" for a list or a section."""
+    """A value's place in the text: where it begins, on a line from 1 and at a character of the text
+    from 0, where it ends, and how it is written: its `text` without quotes, "" for a list or a
+    section."""
 
     line: int
     start: int
@@ -31,7 +32,8 @@ class Mark:
 
 @dataclass(frozen=True)
 class Document:
-    """What a person wrote: plain data, and where in the text each value and each field stands.
+    """A file that a person wrote: plain data, and where in the text each value and each field
+    stands.
 
     `what` names the file in messages, as in "cell file 'cell.yaml'"; `advice` says where to begin.
     """
@@ -52,7 +54,7 @@ class Document:
 
     @contextmanager
     def at(self, place: Place) -> Iterator[None]:
-        """Raises an InputError from within as one about the value at `place`."""
+        """Raise an InputError from within as one about the value at `place`."""
         try:
             yield
         except InputError as error:

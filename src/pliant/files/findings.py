@@ -1,4 +1,5 @@
-"""A document as a model's instance; what is not valid is said in the words of whoever wrote it."""
+"""Checks a document as a model's instance, and says what is not valid in the words of whoever wrote
+it."""
 
 import json
 import re
@@ -42,7 +43,8 @@ _OURS = (
 def _finding(
     found: ErrorDetails, document: Document, adapter: TypeAdapter[Any]
 ) -> tuple[Place, str]:
-    """Where a validation's finding is, and what it says: field, value as written, what is valid."""
+    """The place of a validation's finding, and what it says: field, value as written, what is
+    valid."""
     place = _place(found, document.value)
     where, context = spoken(place), found.get("ctx", {})
     what = found["msg"].removeprefix("Value error, ")
@@ -88,7 +90,8 @@ def _finding(
 
 
 def _place(found: ErrorDetails, value: Any) -> Place:
-    """Where a finding's value stands: its location without the names of a union's branches."""
+    """The place where a finding's value stands: its location without the names of a union's
+    branches."""
     place: Place = ()
     for part in found["loc"]:
         match value, part:

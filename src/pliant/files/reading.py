@@ -48,7 +48,7 @@ def read_yaml(path: Path, kind: str, advice: str = "") -> Document:
 
 
 def parse_yaml(content: bytes, what: str, advice: str = "") -> Document:
-    """A file's content as `read_yaml` reads it; raises as that does."""
+    """Read a file's content as `read_yaml` reads a file; raises as that does."""
     if len(content) > MOST_BYTES:
         raise InputError(
             f"{what} is larger than {MOST_BYTES // 1000} kB: it must be YAML that a person writes"
@@ -195,7 +195,7 @@ class _Builder:
         self._marks[place] = replace(mark, end=end)
 
     def _word(self, event: Any) -> str:
-        """The first word of what is written there."""
+        """The first word of what is written where a YAML event begins."""
         return shortened(self._text[event.start_mark.index :].split(maxsplit=1)[0])
 
     def _refused(self, event: Any, message: str) -> InputError:

@@ -1,4 +1,4 @@
-"""Values without quotes: what everyone reads alike, and what to write instead of the rest."""
+"""Values without quotes: those that everyone reads alike, and what to write instead of the rest."""
 
 import math
 import re
@@ -16,7 +16,7 @@ ODD_SPACE = re.compile("[\x85\xa0\u1680\u2000-\u200f\u2028-\u202f\u205f\u2060\u3
 
 
 def plain_scalar(text: str) -> Any:
-    """What a value without quotes means: null, true or false, a number or a text.
+    """The value that a text without quotes stands for: null, true or false, a number or a text.
 
     Raises:
         ValueError: it is no number that everyone reads alike, nor surely a text. The message says
@@ -45,7 +45,7 @@ def plain_scalar(text: str) -> Any:
 
 
 def _instead(number: Callable[[str], object]) -> Callable[[str], str]:
-    """Advice for what some take for a number and others do not. What is long is a name."""
+    """Make the advice for what some take for a number and others do not. What is long is a name."""
 
     def advice(text: str) -> str:
         if len(text) > MOST_DIGITS:

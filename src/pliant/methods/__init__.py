@@ -1,5 +1,5 @@
-"""What a method is: all that is one way of inserting, in one object. `planar` is the paper's,
-`guided` ours; yours is a file.
+"""The protocol of a method: all that is one way of inserting, in one object. `planar` is the
+paper's, `guided` ours; yours is a file.
 
 A method is stateless, and one for all trials. What a trial needs to remember is in its sight, its
 skill and its belief, which the loop makes and keeps.
@@ -38,15 +38,16 @@ class Method(KnownMethod, Protocol):
 
     @property
     def retakes(self) -> int:
-        """How often a picture that turns out to be stale is taken again."""
+        """The number of times that a picture which turns out to be stale is taken again."""
         ...
 
     def sight(self, task: Task, teaching: Teaching, colours: Colours | None) -> Sight:
-        """What measures the pictures of one trial. `colours` None: they may be anything."""
+        """The sight that measures the pictures of one trial. `colours` None: they may be
+        anything."""
         ...
 
     def skill(self, task: Task, teaching: Teaching, limits: Limits) -> Skill:
-        """What executes the steps of one trial."""
+        """The skill that executes the steps of one trial."""
         ...
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:

@@ -77,7 +77,7 @@ def vlm(
 
 
 def probe(settings: Settings) -> "Probe | None":
-    """One small request to the model, before anything moves; None: no decision is asked of it.
+    """Make one small request to the model, before anything moves; None: no decision is asked of it.
 
     Raises:
         InputError: as for `vlm`.
@@ -113,7 +113,7 @@ def refuse_silent(settings: Settings, say: Callable[[str], None]) -> None:
 
 
 def _needs_extra() -> None:
-    """Raises InputError when the library of the models is not installed."""
+    """Raise InputError if the library of the models is not installed."""
     try:
         import pydantic_ai  # noqa: F401
     except ModuleNotFoundError as error:

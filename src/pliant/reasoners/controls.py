@@ -76,8 +76,8 @@ class Messages(Rules):
 
 
 def _direction(words: str, failed: Formation) -> int:
-    """+1 or -1 along y by Table I's message; 0 where it names none. A position outweighs a lean: a
-    peg that leans left is righted by moving right."""
+    """The direction along y, +1 or -1, by Table I's message; 0 where it names none. A position
+    outweighs a lean: a peg that leans left is righted by moving right."""
     if "too small" in words:
         return 1
     if "too big" in words:

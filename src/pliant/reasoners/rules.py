@@ -19,7 +19,8 @@ class Rules:
     model: str | None = None
 
     def judge(self, case: Case) -> Verdict:
-        """Compression or pose can fail it; else the most precise check that was made decides."""
+        """Judge an execution: compression or pose can fail it; else the most precise check that was
+        made decides."""
         votes = case.evidence.votes
         success, decider = _decide(case)
         against = sorted(n for n, v in votes.items() if v is not None and v != success)

@@ -19,7 +19,7 @@ HOME_GUESS = (3.14, -1.6, 1.6, -1.57, -1.57, -1.57)  # elbow up, fingers closing
 
 
 class Arm:
-    """Kinematics of the hinge point, with the wrist unsprung."""
+    """The arm's kinematics of the hinge point, with the wrist unsprung."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model

@@ -100,7 +100,7 @@ def flat_mesh(faces: list[Corners]) -> tuple[Corners, NDArray[np.int32]]:
 
 
 def prism_faces(polygon: Polygon, half: float) -> list[Corners]:
-    """Those of a convex polygon times 2 `half` [m], each counter-clockwise from outside."""
+    """The faces of a convex polygon times 2 `half` [m], each counter-clockwise from outside."""
     top = np.column_stack([polygon, np.full(len(polygon), half)])
     bottom = top * (1, 1, -1)
     n = len(polygon)
@@ -109,7 +109,7 @@ def prism_faces(polygon: Polygon, half: float) -> list[Corners]:
 
 
 def hull_faces(vertices: Corners) -> list[Corners]:
-    """Those of the convex hull of a few vertices, each counter-clockwise from outside."""
+    """The faces of the convex hull of a few vertices, each counter-clockwise from outside."""
     triples = np.array(list(combinations(range(len(vertices)), 3)))
     a, b, c = (vertices[triples[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -130,7 +130,7 @@ def hull_faces(vertices: Corners) -> list[Corners]:
 
 
 def area(polygon: Polygon) -> float:
-    """Of a polygon [m2]."""
+    """The area of a polygon [m2]."""
     x, y = polygon.T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
@@ -160,7 +160,8 @@ def _bend(a: Polygon, b: Polygon, c: Polygon) -> float:
 
 
 def _block_outline_between(start: Polygon, end: Polygon) -> list[tuple[float, float]]:
-    """Where the rays through two points leave the block, and the block's corners between them."""
+    """The points where the rays through two points leave the block, and the block's corners between
+    them."""
     half = np.array(BLOCK_SIZE[:2]) / 2
 
     def leave(p: Polygon) -> tuple[float, float]:

@@ -261,15 +261,15 @@ class SimRobot:
         return pose_from(self.data.site_xpos[self._site], site)
 
     def set_point(self) -> Pose:
-        """Where the arm is told to be; it hangs a little lower under the tool's weight."""
+        """The pose where the arm is told to be; it hangs a little lower under the tool's weight."""
         return self._commanded
 
     def compression(self) -> float:
-        """Of the wrist along its axis, from free hang [m], as it is read."""
+        """The compression of the wrist along its axis, from free hang [m], as it is read."""
         return self._felt() + self._sensor.noise - self._tared
 
     def pressed(self) -> float:
-        """What `compression` would be from a perfect sensor: the experiment's side [m]."""
+        """The compression as a perfect sensor would read it: the experiment's side [m]."""
         return float(self.data.qpos[self._slide]) - self._free_hang
 
     def _watched(self) -> float:
@@ -333,7 +333,8 @@ class SimRobot:
         )
 
     def _verify(self, motion: Motion) -> None:
-        """What holds the peg may hold back the hand, too: the servos give way."""
+        """Check that a motion ended near its goal: what holds the peg may hold back the hand, too,
+        since the servos give way."""
         off = float(np.linalg.norm(motion.ended.position() - motion.commanded.position()))
         turn = _angle_between(motion.ended, motion.commanded)
         if off > _NEAR_M or turn > _NEAR_RAD:
@@ -344,12 +345,14 @@ class SimRobot:
             )
 
     def _toward_tip(self, pose: Pose) -> float:
-        """How far the way to a pose goes along the wrist's axis there, toward the tip [m]."""
+        """The distance [m] that the way to a pose goes along the wrist's axis there, toward the
+        tip."""
         way = pose.position() - self._commanded.position()
         return float(-way @ pose.rotation()[:, 2])
 
     def _along(self) -> float | None:
-        """How far a straight press has come along the wrist's axis [m]."""
+        """The distance [m] that a straight press has come along the wrist's axis; None: none is
+        under way."""
         if self._way is None:
             return None
         start, axis = self._way
@@ -384,7 +387,7 @@ class SimRobot:
         self._obeyed(partial(self._wrist.read, reading))
 
     def _obeyed(self, ask: Callable[[], None]) -> None:
-        """Ask the wrist's watch, and halt where it finds a fault."""
+        """Ask the wrist's watch by a call, and halt where it finds a fault."""
         try:
             ask()
         except RobotFault:
@@ -436,4 +439,4 @@ def _along(waypoints: NDArray[np.float64], fractions: NDArray[np.float64]) -> ND
 
 
 def _nothing() -> None:
-    """No viewer watches."""
+    """Do nothing: no viewer watches."""

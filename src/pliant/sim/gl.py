@@ -38,7 +38,8 @@ def choose_backend() -> None:
 
 
 def must_draw() -> None:
-    """
+    """Check that MUJOCO_GL does not turn drawing off.
+
     Raises:
         InputError: MUJOCO_GL turns drawing off.
     """
@@ -81,7 +82,8 @@ def _best() -> str:
 
 
 def _use(wanted: str) -> None:
-    """MuJoCo looks at MUJOCO_GL as it is imported, once: whoever was first has it look again."""
+    """Turn MuJoCo to a back end. It looks at MUJOCO_GL as it is imported, once: whoever was first
+    has it look again."""
     context = sys.modules.get(_CONTEXT)
     if context is None or getattr(context, "_MUJOCO_GL", wanted) == wanted:
         return

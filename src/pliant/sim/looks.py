@@ -1,5 +1,5 @@
-"""How the scene looks in a trial: nominal, or colours, textures, light, background, image noise and
-cameras at random, and a post that hides part of it.
+"""The looks of the scene in a trial: nominal, or colours, textures, light, background, image noise
+and cameras at random, and a post that hides part of it.
 
 All of it belongs to the picture only: the physics and a camera's calibration know nothing of it.
 What the trial's seed gives is the same for every peg and in every drawing.
@@ -42,8 +42,8 @@ class Paint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shift:
-    """Where a camera really is, seen from where it should be, on its own axes (right, up, back):
-    an offset (3,) [m] and small angles (3,) [rad] about them."""
+    """The shift of a camera: where it really is, seen from where it should be, on its own axes
+    (right, up, back): an offset (3,) [m] and small angles (3,) [rad] about them."""
 
     offset: Vector
     angles: Vector
@@ -61,7 +61,8 @@ class Post:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Looks:
-    """What differs in the pictures of one trial; nothing where a field is empty or None."""
+    """The looks of one trial: what differs in its pictures; nothing where a field is empty or
+    None."""
 
     paints: Mapping[str, Paint]  # peg, block, table, backdrop
     light: Vector | None  # (3,) where it shines to
@@ -76,7 +77,8 @@ NOMINAL = Looks(paints={}, light=None, diffuse=0.0, ambient=0.0, noise=0.0, shif
 
 
 def looks_of(setup: Setup) -> Looks:
-    """How a trial looks: two draws from its seed, one for the looks and one for what hides them."""
+    """The looks of a trial: two draws from its seed, one for the looks and one for what hides
+    them."""
     posts = _posts(setup.stream("occluder")) if setup.occluder > _ON else ()
     if setup.looks <= _ON:
         return replace(NOMINAL, posts=posts)
@@ -119,8 +121,8 @@ def _shift(random: np.random.Generator) -> Shift:
 
 
 def _posts(random: np.random.Generator) -> tuple[Post, ...]:
-    """One before the side and one before the front camera. They lean, so that neither ever hides
-    the whole of an upright edge, and end below the gripper."""
+    """Two posts: one before the side and one before the front camera. They lean, so that neither
+    ever hides the whole of an upright edge, and end below the gripper."""
     return tuple(_post(random, toward) for toward in (np.eye(3)[0], np.eye(3)[1]))
 
 
@@ -201,7 +203,7 @@ def _coat(geom: mujoco.MjvGeom, paint: Paint, model: mujoco.MjModel, *, flat: bo
 
 
 def _more(scene: mujoco.MjvScene, rgb: Vector) -> mujoco.MjvGeom:
-    """One more geom in the scene, in a colour; its kind and place are the caller's to set."""
+    """Add one more geom to the scene, in a colour; its kind and place are the caller's to set."""
     geom = scene.geoms[scene.ngeom]
     rgba = np.array([*rgb, 1.0], np.float32)
     nowhere = np.zeros(3)

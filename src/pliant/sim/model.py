@@ -266,7 +266,7 @@ def _peg_shapes(spec: mujoco.MjSpec, peg: Peg) -> list[tuple[dict[str, object], 
 
 
 def _is_rectangle(outline: np.ndarray) -> bool:
-    """Whether it is one around the axis, with its sides along x and y."""
+    """Whether an outline is a rectangle around the axis, with its sides along x and y."""
     edges = np.roll(outline, -1, axis=0) - outline
     along = bool(np.all(np.isclose(np.prod(edges, axis=1), 0.0)))
     return len(outline) == 4 and along and np.allclose(outline.mean(axis=0), 0.0)

@@ -53,7 +53,7 @@ class Cameras:
         return View(camera=self._calibrations[name], time_s=time_s, image=image)
 
     def image(self, name: str, data: mujoco.MjData) -> NDArray[np.uint8]:  # (height, width, 3)
-        """What the camera sees, without noise."""
+        """The picture that the camera sees, without noise."""
         renderer = self._ready()
         renderer.update_scene(data, camera=name, scene_option=self._options)
         scene = renderer.scene
@@ -106,7 +106,7 @@ def _calibration(model: mujoco.MjModel, name: str) -> Camera:
 def _draw_spring(
     scene: mujoco.MjvScene, bottom: NDArray[np.float64], top: NDArray[np.float64]
 ) -> None:
-    """A helix between two points, as short capsules that belong to the picture only."""
+    """Draw a helix between two points, as short capsules that belong to the picture only."""
     axis = top - bottom
     side = np.cross(axis, [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)

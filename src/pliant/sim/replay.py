@@ -119,7 +119,7 @@ class Replay:
         return len(self.trajectory.time_s)
 
     def image(self, camera: str, index: int) -> NDArray[np.uint8]:  # (height, width, 3) RGB
-        """What `camera` sees at the trajectory's sample `index`."""
+        """The picture that `camera` sees at the trajectory's sample `index`."""
         place(self._model, self.trajectory.setup, float(self.trajectory.time_s[index]))
         self._data.qpos[:] = self.trajectory.qpos[index]
         mujoco.mj_kinematics(self._model, self._data)
@@ -129,13 +129,13 @@ class Replay:
         return shrunk.astype(np.uint8, copy=False)
 
     def compression(self, index: int) -> float:
-        """Of the wrist, from free hang, where every trial starts [m]."""
+        """The compression of the wrist, from free hang, where every trial starts [m]."""
         slide = self.trajectory.qpos[:, self._slide]
         return float(slide[index] - slide[0])
 
 
 def _hasten(model: mujoco.MjModel) -> None:
-    """Drawn larger instead of multi-sampled, and with fewer triangles."""
+    """Have a model drawn larger instead of multi-sampled, and with fewer triangles."""
     quality, size = model.vis.quality, model.vis.global_
     quality.offsamples, quality.numslices, quality.numstacks = 0, 20, 4
     size.offwidth, size.offheight = (n * _ENLARGED for n in c.IMAGE_SIZE)

@@ -1,5 +1,5 @@
-"""How the simulated robot reads its wrist: exactly, or with noise that a filter then takes out of
-what the compression limit is watched on, as a real controller's does.
+"""The sensor by which the simulated robot reads its wrist: exactly, or with noise that a filter
+then takes out of what the compression limit is watched on, as a real controller's does.
 
 The filter lags by 30 ms: at 50 mm/s a limit is then passed by 1.5 mm before it is noticed. A dead
 sensor feels nothing of what happens after the trial's begin.
@@ -31,7 +31,7 @@ class Sensor:
         self.delay_s = _CAUGHT_UP_S if self._sd else 0.0  # until it has caught up after a stop
 
     def felt(self, slide: float) -> float:
-        """Where the sensor feels the slide that is truly there."""
+        """The slide [m] that the sensor feels for the one that is truly there."""
         return slide if self._dead_at is None else self._dead_at
 
     def read(self, slide: float) -> None:
@@ -41,5 +41,6 @@ class Sensor:
             self._filtered += _SHARE * (slide + self.noise - self._filtered)
 
     def watched(self, slide: float) -> float:
-        """Where the controller takes the slide to be: filtered, or exactly there without noise."""
+        """The slide [m] as the controller takes it to be: filtered, or, without noise, exactly as
+        felt."""
         return self._filtered if self._sd else slide

@@ -67,6 +67,6 @@ def is_moving(setup: Setup, time_s: float) -> bool:
 
 
 def _struck(setup: Setup, time_s: float) -> float:
-    """How much of the strike has happened, from 0 to 1: from rest to rest."""
+    """The part of the strike that has happened, from 0 to 1: from rest to rest."""
     part = min(1.0, max(0.0, (time_s - setup.struck_at) / STRIKE_S))
     return part * part * (3.0 - 2.0 * part)

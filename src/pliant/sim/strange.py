@@ -1,5 +1,5 @@
-"""What is not as the task says: another peg in the grasp or none, something in the hole, or a bar
-across the board.
+"""Strange things, which are not as the task says: another peg in the grasp or none, something in
+the hole, or a bar across the board.
 
 All of it is in every compiled model and put away, so that a trial can bring it out: what is put
 away is neither drawn nor touched. Sizes are compiled at their largest, which MuJoCo's search for
@@ -24,7 +24,7 @@ _ON = 0.5  # a quantity that is 0 or 1 counts as 1 above
 
 
 def add(spec: mujoco.MjSpec, task: Task, peg: str, board: str) -> None:
-    """Add what may be strange to the bodies of the right peg and of the board."""
+    """Add the strange things to the bodies of the right peg and of the board."""
     half_x, half_y = task.peg.half_extents
     spec.add_numeric(name=_BUILT, data=[0.0, 0.0, 0.0, 0.0, half_x])
     most = {name: QUANTITIES[name].valid[1] / 2 for name in ("peg_wider", "bar_height")}
@@ -60,14 +60,14 @@ def _add_box(
 
 
 def put_away(model: mujoco.MjModel) -> None:
-    """Of a model that was just compiled: note what was built, and leave nothing strange."""
+    """Note what was built in a model that was just compiled, and leave nothing strange."""
     peg = _right_peg(model)
     model.numeric(_BUILT).data[:4] = [float(peg.mass[0]), *peg.inertia]
     bring_out(model, Setup(seed=0))
 
 
 def bring_out(model: mujoco.MjModel, setup: Setup) -> None:
-    """Bring out what is strange in a setup, and put the rest away."""
+    """Bring out the strange things of a setup, and put the rest away."""
     peg, (mass, *inertia, half_x) = _right_peg(model), model.numeric(_BUILT).data
     missing, wrong = setup.peg_missing > _ON, setup.peg_wider > 0.0
     first = int(peg.geomadr[0])

@@ -47,7 +47,8 @@ class Arm:
     """The connected arm. Every call may raise RobotFault."""
 
     def __init__(self, configuration: Configuration) -> None:
-        """
+        """Connect to the arm.
+
         Raises:
             InputError: ur_rtde is not installed, or the emulated cell's admin port does not answer.
         """
@@ -79,7 +80,7 @@ class Arm:
     # --- health ----------------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Whether the arm can go on. In this order: what comes later is not to be trusted when
+        """Check that the arm can go on, in this order: what comes later is not to be trusted when
         something earlier is wrong.
 
         Raises:
@@ -97,14 +98,15 @@ class Arm:
             raise RobotFault("program_stopped", "the control program on the controller has ended")
 
     def _check_connection(self) -> None:
-        """After a disconnect getters return their last values. Either interface can be cut alone,
-        and the other one goes on saying that it is connected."""
+        """Check that both interfaces are connected. After a disconnect getters return their last
+        values. Either interface can be cut alone, and the other one goes on saying that it is
+        connected."""
         if not (self._receive.isConnected() and self._control.isConnected()):
             raise RobotFault("connection", "the connection to the controller is lost")
 
     def _check_stamp(self) -> None:
-        """A controller that stalls stays connected; only the age of its time stamp tells. In
-        lockstep the pace itself says when ticks do not come."""
+        """Check that the time stamp advances. A controller that stalls stays connected; only the
+        age of its time stamp tells. In lockstep the pace itself says when ticks do not come."""
         stamp, now = self._receive.getTimestamp(), time.monotonic()
         self._looks += 1
         if stamp != self._stamp or self.pace.is_lockstep:
@@ -163,7 +165,7 @@ class Arm:
         return transform(self._receive.getActualTCPPose())
 
     def force(self) -> NDArray[np.float64]:
-        """(3,) [N] of the surroundings on the tool, base axes."""
+        """The force (3,) [N] of the surroundings on the tool, base axes."""
         return np.array(self._receive.getActualTCPForce()[:3])
 
     def is_still(self) -> bool:
@@ -174,7 +176,7 @@ class Arm:
     # --- commands --------------------------------------------------------------------------------
 
     def set_up(self) -> None:
-        """Tool, payload, speed slider and watchdog as the configuration has them."""
+        """Set tool, payload, speed slider and watchdog as the configuration has them."""
         configuration = self._configuration
         self.check()
         self._accepted(self._control.setTcp(configuration.tcp.pose), "the tool's centre point")
@@ -185,7 +187,7 @@ class Arm:
         self._is_watched, self._kicked_s = True, self.time_s()
 
     def set_payload(self, lighter_kg: float = 0.0) -> None:
-        """As the configuration has it, or lighter by so much."""
+        """Set the payload as the configuration has it, or lighter by so much."""
         self.check()
         payload = self._configuration.payload
         done = self._control.setPayload(payload.mass_kg - lighter_kg, payload.center_m)
@@ -257,7 +259,8 @@ class Arm:
         slider.disconnect()
 
     def _accepted(self, done: bool, what: str) -> None:
-        """ur_rtde says no by returning False: after a stop, or when its program has ended."""
+        """Raise a fault if ur_rtde says no, by returning False: after a stop, or when its program
+        has ended."""
         if not done:
             self.check()
             raise RobotFault("program_stopped", f"the controller refused {what}")

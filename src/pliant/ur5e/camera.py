@@ -32,7 +32,7 @@ _ENDING_S = 2.0
 
 
 class Camera(Protocol):
-    """Where pictures come from. Once it is not usable any more it has to be opened anew."""
+    """A source of pictures. Once it is not usable any more it has to be opened anew."""
 
     @property
     def is_usable(self) -> bool: ...
@@ -50,7 +50,7 @@ class Camera(Protocol):
 
 
 def open_camera(settings: c.Camera, patience_s: float) -> Camera:
-    """The configured camera, delivering.
+    """Open the configured camera and see that it delivers.
 
     Raises:
         InputError: the RealSense library is missing, or the file is.
@@ -80,8 +80,8 @@ def _view(settings: c.Camera, picture: Picture, time_s: float) -> View:
 
 
 class Http:
-    """A picture per request. A server that stamps its pictures is held to it; of another one a
-    picture counts as taken when it was asked for."""
+    """A camera over HTTP, with a picture per request. A server that stamps its pictures is held to
+    it; of another one a picture counts as taken when it was asked for."""
 
     is_usable = True  # nothing stays open
 
@@ -111,7 +111,7 @@ class Http:
         return _view(self._settings, picture, time_s)
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """Do nothing: nothing stays open."""
 
     def _fetch(self, give_up: float) -> tuple[bytes, float | None]:
         left_s = max(0.05, give_up - time.monotonic())
@@ -132,7 +132,7 @@ class Http:
 
 
 class Source(ABC):
-    """Frames one after another. Used by one thread."""
+    """A source of frames, one after another. Used by one thread."""
 
     @abstractmethod
     def read(self) -> Picture:
@@ -254,7 +254,8 @@ class _OpenCv(Source):
 
 
 def _realsense(settings: c.Camera, patience_s: float) -> Callable[[], Source]:
-    """Raises InputError here, in the caller's thread, for what the user can mend."""
+    """A function that opens the RealSense. Raises InputError here, in the caller's thread, for what
+    the user can mend."""
     try:
         import pyrealsense2 as rs
     except ImportError as error:
@@ -300,7 +301,8 @@ class _RealSense(Source):
                 ) from error
 
     def _find(self, serial: str) -> None:
-        """Asked first: the pipeline waits for a camera for longer than anyone waits for it."""
+        """Find the camera before the pipeline starts, which waits for one for longer than anyone
+        waits for it."""
         info = self._rs.camera_info.serial_number
         there = [device.get_info(info) for device in self._rs.context().query_devices()]
         if not there or (serial and serial not in there):

@@ -37,7 +37,7 @@ class Operator(Protocol):
     """
 
     def place(self, task: Task, setup: Setup) -> None:
-        """Hole and peg are to be where the setup says, the peg between the gripper's fingers."""
+        """Have hole and peg put where the setup says, the peg between the gripper's fingers."""
         ...
 
     def may_move(self, what: str) -> bool:
@@ -45,7 +45,7 @@ class Operator(Protocol):
         ...
 
     def truth(self) -> Truth:
-        """What the person sees; `inserted` None: not labelled yet."""
+        """The truth as the person sees it; `inserted` None: not labelled yet."""
         ...
 
 
@@ -54,7 +54,7 @@ class UrCell:
     trial makes a new one, which fails as long as a person has not released the arm."""
 
     def __init__(self, configuration: c.Configuration, operator: Operator | None = None) -> None:
-        """An emulated cell needs no operator.
+        """Make a workcell. An emulated cell needs no operator.
 
         Raises:
             InputError: the cell is real and has no operator, or the emulator does not answer.
@@ -145,8 +145,8 @@ class UrCell:
     def _set_up_by_hand(
         self, driver: Driver, camera: Camera, person: Operator, task: Task, setup: Setup
     ) -> None:
-        """The arm goes home, the person sets the scene, the fingers close on the peg: nothing
-        moves before the person has agreed."""
+        """Set up a real cell: the arm goes home, the person sets the scene, the fingers close on
+        the peg: nothing moves before the person has agreed."""
         driver.ask(m.SetUp(holds=False))
         self._go_home(UrRobot(self.configuration, driver, camera, task), person)
         if self.configuration.gripper is None:
@@ -159,7 +159,7 @@ class UrCell:
             driver.ask(m.Fingers(close=True))
 
     def _go_home(self, robot: UrRobot, person: Operator) -> None:
-        """Straight up, then across."""
+        """Go home: straight up, then across."""
         home = Pose(z=robot.task.tip_below_hinge + HOME_ABOVE_BOARD)
         here = robot.observe(cameras=()).pose
         if not person.may_move("lift the peg straight up and go to the start above the hole"):

@@ -1,4 +1,4 @@
-"""From the force that the controller measures to how far the wrist is pressed (Sec. V-A).
+"""The compression of the wrist from the force that the controller measures (Sec. V-A).
 
 The sensor sits above the wrist: along the wrist's axis the force is the spring's. What hangs below
 it also presses on it less when the tool leans, which the simulated cell shows and the controller,
@@ -73,14 +73,14 @@ class Compression:
         self.now = 0.0
 
     def allowance(self, speed_m_s: float, stop_m_s2: float, latency_s: float) -> float:
-        """How much earlier than the limit to stop [m]: what the filter lags behind, the way until
-        the arm begins to brake, and its braking."""
+        """The distance [m] by which to stop earlier than the limit: what the filter lags behind,
+        the way until the arm begins to brake, and its braking."""
         delay_s = self.filter_s + latency_s
         return speed_m_s * delay_s + speed_m_s**2 / (2.0 * stop_m_s2)
 
     @property
     def reading(self) -> Reading:
-        """The last one, as the wrist's watch takes it."""
+        """The last reading, as the wrist's watch takes it."""
         return Reading(
             time_s=self._time_s,
             read_m=self.latest,

@@ -31,7 +31,7 @@ KIND = "cell file"
 
 
 class Arm(Fields):
-    """How the controller is reached, and how it brakes."""
+    """The arm: how its controller is reached, and how it brakes."""
 
     address: Annotated[str, Field(min_length=1)]
     stop_mm_s2: Annotated[float, Field(ge=500, le=10_000)] = 3000.0
@@ -58,7 +58,7 @@ class Tcp(Fields):
 
 
 class Payload(Fields):
-    """What hangs on the flange: wrist, gripper and peg."""
+    """The payload that hangs on the flange: wrist, gripper and peg."""
 
     mass_kg: Annotated[float, Field(gt=0.0, le=5.0)]
     center_mm: tuple[Length, Length, Length]
@@ -80,7 +80,7 @@ class Frame(Fields):
 
     @property
     def transform(self) -> Transform:
-        """From task to base coordinates."""
+        """The transform from task to base coordinates."""
         result = np.eye(4)
         angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
         result[:3, :3] = rotation_matrix(*map(math.radians, angles))
@@ -89,7 +89,7 @@ class Frame(Fields):
 
 
 class Workspace(Fields):
-    """Where the hinge point may go: [from, to] per axis, in the task frame."""
+    """The workspace of the hinge point: [from, to] per axis, in the task frame."""
 
     x_mm: tuple[Length, Length]
     y_mm: tuple[Length, Length]
@@ -120,7 +120,7 @@ class Workspace(Fields):
 
 
 class Limits(Fields):
-    """How fast, how hard, how far."""
+    """The limits of the cell: how fast, how hard, how far."""
 
     speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = 100.0
     contact_speed_mm_s: Annotated[float, Field(gt=0.0, le=20.0)] = 20.0  # faster, it stops too late
@@ -130,7 +130,7 @@ class Limits(Fields):
 
 
 class Wrist(Fields):
-    """How the force becomes compression."""
+    """The wrist: how the force becomes compression."""
 
     stiffness_n_mm: Annotated[float, Field(gt=0.0, le=100.0)]
     axis: Literal["x", "y", "z"] = "z"
@@ -149,7 +149,7 @@ class Gripper(Fields):
 
 
 class Source(StrEnum):
-    """Where pictures come from."""
+    """The kind of source that the camera's pictures come from."""
 
     REALSENSE = "realsense"
     OPENCV = "opencv"
@@ -200,8 +200,8 @@ class Colours(Fields):
 
 
 class Patience(Fields):
-    """How long anything may take before the cell counts as broken. All of pliant's waits for a cell
-    are these."""
+    """The longest that anything may take before the cell counts as broken. All of pliant's waits
+    for a cell are these."""
 
     stamp_ms: Annotated[float, Field(ge=20.0, le=60_000.0)] = 100.0
     driver_ms: Annotated[float, Field(ge=200.0, le=60_000.0)] = 1000.0
@@ -221,14 +221,15 @@ class Patience(Fields):
 
 
 class Emulator(Fields):
-    """The cell is emulated: experiments set up its trials, and learn the truth, through this."""
+    """The emulator of an emulated cell: experiments set up its trials, and learn the truth, through
+    it."""
 
     admin_port: Port = 30100
     ticks_per_look: Annotated[int, Field(ge=1, le=10)] = 5
 
 
 class Configuration(Fields):
-    """One cell. A file that lacks a section with defaults has them."""
+    """The configuration of one cell. A file that lacks a section with defaults has them."""
 
     arm: Arm
     tcp: Tcp
@@ -253,7 +254,7 @@ class Configuration(Fields):
 
     @property
     def kind(self) -> str:
-        """As `cell.Workcell.kind`."""
+        """The kind of cell, as `cell.Workcell.kind` names it."""
         return "ur5e" if self.emulator is None else "emulator"
 
 
@@ -271,7 +272,8 @@ def load(path: Path) -> Configuration:
 
 
 def checked(document: files.Document) -> Configuration:
-    """What a cell's file says, with relative paths as they are written. Raises as `load` does."""
+    """The configuration in a cell's file, with relative paths as they are written. Raises as `load`
+    does."""
     document.fields()
     return files.checked(document, _CONFIGURATION)
 

@@ -7,8 +7,8 @@ PORT = 29999
 
 
 def stop(address: str, patience_s: float) -> bool:
-    """End the program, which brakes the arm; whether the controller said that it has. Connecting
-    and each answer may take `patience_s`.
+    """End the program, which brakes the arm, and return whether the controller said that it has.
+    Connecting and each answer may take `patience_s`.
 
     ur_rtde's own calls hang when the connection is lost, `stopL` too; this does not.
     """

@@ -98,7 +98,7 @@ class Driver:
                     raise self._failed(kind, message)
 
     def _hear_fault(self, wait_s: float) -> None:
-        """What the driver found while nobody asked it for anything."""
+        """Raise the fault that the driver found while nobody asked it for anything."""
         while self._pipe.poll(wait_s):
             said = self._pipe.recv()
             if isinstance(said, m.Failed):
@@ -112,7 +112,8 @@ class Driver:
         return self.fault
 
     def _lost(self, how: str) -> RobotFault:
-        """The driver crashed, or hangs in a call that ur_rtde does not return from."""
+        """Halt the arm and end a driver that crashed, or hangs in a call that ur_rtde does not
+        return from. The fault says whether the arm is halted."""
         stopped = dashboard.stop(self._address, self._dashboard_s)
         self._end()
         after = "the arm is halted" if stopped else "the controller does not confirm a halt"

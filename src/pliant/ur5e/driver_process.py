@@ -264,7 +264,8 @@ class _Driver:
                 raise RobotFault("not_reached", "the arm does not come to rest")
 
     def _verify(self, target: Transform) -> None:
-        """A motion that was ended by something else also reads as finished."""
+        """Check that a motion reached its target: one that was ended by something else also reads
+        as finished."""
         there = self._here.pose()
         off = float(np.linalg.norm(there[:3, 3] - target[:3, 3]))
         cosine = (float(np.trace(there[:3, :3].T @ target[:3, :3])) - 1.0) / 2.0
@@ -278,7 +279,7 @@ class _Driver:
     # --- looking ---------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """The next look at everything; whoever waits hears that there is somebody."""
+        """Take the next look at everything; whoever waits hears that there is somebody."""
         self._here.look()
         self._read()
         now = time.monotonic()
@@ -290,7 +291,7 @@ class _Driver:
             raise RobotFault("interrupted", getattr(request, "why", "") or "halted")
 
     def _watch(self) -> None:
-        """Between requests: the same, at no particular time."""
+        """Look between requests: the same, at no particular time."""
         if self._arm is not None:
             self._arm.check()
             self._arm.feed()
@@ -305,7 +306,8 @@ class _Driver:
             self._gripper.poll()
 
     def _along(self) -> float | None:
-        """How far a straight press has come along the wrist's axis [m]."""
+        """The distance [m] that a straight press has come along the wrist's axis; None: none is
+        under way."""
         if self._way is None:
             return None
         start, axis = self._way
@@ -354,7 +356,7 @@ class _Samples:
 
 
 def _toward_tip(start: Pose, end: Pose) -> float:
-    """How far the way to a pose goes along the wrist's axis there, toward the tip [m]."""
+    """The distance [m] that the way to a pose goes along the wrist's axis there, toward the tip."""
     return float((start.position() - end.position()) @ end.rotation()[:, 2])
 
 

@@ -24,8 +24,9 @@ _LOCKSTEP = {  # on a machine under load nothing is late
 
 
 def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.Configuration:
-    """Frames, tool, payload, stiffness and camera as the emulator has them; the patience is for a
-    machine that also has to compute the physics, in lockstep for any machine.
+    """The configuration of an emulated cell: frames, tool, payload, stiffness and camera as the
+    emulator has them; the patience is for a machine that also has to compute the physics, in
+    lockstep for any machine.
 
     Raises:
         InputError: no emulator answers there.

@@ -18,7 +18,7 @@ _ACTIVATION_S = 10.0
 
 
 class Object(IntEnum):
-    """What the fingers feel."""
+    """The gripper's object detection: what the fingers feel."""
 
     MOVING = 0
     OPENING = 1
@@ -27,8 +27,9 @@ class Object(IntEnum):
 
 
 class Gripper:
-    """One connection. `poll` never waits; the other calls wait for an answer, with a time-out.
-    While the fingers move, `idle` passes the time [s]: whoever owns an arm watches it meanwhile.
+    """One connection to the gripper. `poll` never waits; the other calls wait for an answer, with a
+    time-out. While the fingers move, `idle` passes the time [s]: whoever owns an arm watches it
+    meanwhile.
 
     Raises:
         RobotFault: "gripper": it does not answer, or what it says is not what it must say.
@@ -56,7 +57,7 @@ class Gripper:
     # --- with the arm at rest --------------------------------------------------------------------
 
     def watch(self, holds: bool) -> None:
-        """Whether from now on the peg must be in the fingers, and stay there."""
+        """Say whether from now on the peg must be in the fingers, and stay there."""
         self._holds = False
         if not holds:
             return
@@ -74,7 +75,8 @@ class Gripper:
         self._move(self._settings.open_at)
 
     def activate(self) -> None:
-        """Once after power-up. It moves the fingers fully: never with a peg in them."""
+        """Activate the gripper, once after power-up. It moves the fingers fully: never with a peg
+        in them."""
         if self.get("STA") == _ACTIVE:
             return
         self._set("ACT 0")
@@ -82,7 +84,7 @@ class Gripper:
         self._until(lambda: self.get("STA") == _ACTIVE, _ACTIVATION_S, "is not activated")
 
     def get(self, name: str) -> int | None:
-        """A variable; None: the gripper is not powered, as under an emergency stop."""
+        """The value of a variable; None: the gripper is not powered, as under an emergency stop."""
         self._finish_poll()
         self._send(f"GET {name}\n")
         return self._value(self._line(), name)

@@ -1,4 +1,4 @@
-"""What the trial's process and the driver's say to each other. Poses are in the task frame."""
+"""The messages between the trial's process and the driver's. Poses are in the task frame."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class Connect:
 
 @dataclass(frozen=True, kw_only=True)
 class SetUp:
-    """Tool, payload, watchdog; `holds`: the peg must be in the gripper, and stay there."""
+    """Set up tool, payload, watchdog; `holds`: the peg must be in the gripper, and stay there."""
 
     holds: bool
 
@@ -28,7 +28,7 @@ class Tare:
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A straight motion [m/s, m]."""
+    """Move straight to a pose [m/s, m]."""
 
     pose: Pose
     speed_m_s: float
@@ -37,29 +37,29 @@ class Move:
 
 @dataclass(frozen=True, kw_only=True)
 class Permits:
-    """Whether the controller's own safety limits let the arm be there."""
+    """Ask whether the controller's own safety limits let the arm be there."""
 
     pose: Pose
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weigh:
-    """By how much compression changes [m] while the controller believes in a lighter payload [kg]:
-    the weight that it no longer makes up for stretches the wrist."""
+    """Measure by how much compression changes [m] while the controller believes in a lighter
+    payload [kg]: the weight that it no longer makes up for stretches the wrist."""
 
     lighter_kg: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wait:
-    """On the controller's clock."""
+    """Wait on the controller's clock."""
 
     seconds: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """Where the arm is now."""
+    """Measure where the arm is now."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +116,7 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moved:
-    """How a motion ended, and 20 samples a second of it."""
+    """The end of a motion, and 20 samples a second of it."""
 
     is_reached: bool  # False: stopped by compression
     peak_compression_m: float
@@ -133,7 +133,7 @@ Result = Measured | Moved | bool | float | None
 
 @dataclass(frozen=True, kw_only=True)
 class Alive:
-    """It works on the request."""
+    """Sign of life: the driver works on the request."""
 
 
 @dataclass(frozen=True, kw_only=True)

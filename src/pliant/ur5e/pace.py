@@ -1,5 +1,6 @@
-"""How the driver's loop goes from one look at the arm to the next: with the wall's clock, or with
-an emulated controller in lockstep, whose ticks it grants itself. The loop is the same in both."""
+"""The pace of the driver's loop from one look at the arm to the next: with the wall's clock, or
+with an emulated controller in lockstep, whose ticks it grants itself. The loop is the same in
+both."""
 
 import json
 import socket
@@ -18,11 +19,11 @@ _SPIN_S = 0.0002
 
 
 class Stalled(Exception):
-    """The controller does not go on."""
+    """Raised when the controller does not go on."""
 
 
 class Pace(Protocol):
-    """`look` returns when it is time to look again.
+    """A pace, whose `look` returns when it is time to look again.
 
     Raises:
         Stalled: that time does not come.
@@ -34,7 +35,7 @@ class Pace(Protocol):
 
 
 class RealTime:
-    """Every 2 ms of the wall's clock; late is late, nothing is made up for."""
+    """The pace of the wall's clock: a look every 2 ms; late is late, nothing is made up for."""
 
     is_lockstep = False
 
@@ -43,12 +44,13 @@ class RealTime:
 
 
 class Lockstep:
-    """Grants an emulated controller its ticks, and waits until the client's data are of then."""
+    """The pace of lockstep: grants an emulated controller its ticks, and waits until the client's
+    data are of then."""
 
     is_lockstep = True
 
     def __init__(self, admin: "AdminPort", stamp: Callable[[], float], ticks: int) -> None:
-        """`stamp` is the latest time stamp [s] that the client has received."""
+        """Pace a driver; `stamp` is the latest time stamp [s] that the client has received."""
         self._admin, self._stamp, self._ticks = admin, stamp, ticks
 
     def look(self) -> None:
@@ -84,7 +86,7 @@ class AdminPort:
         self._lines = self._socket.makefile("rb")
 
     def ask(self, do: str, **fields: object) -> dict[str, Any]:
-        """One request and its answer.
+        """Send one request and return its answer.
 
         Raises:
             InputError: the emulator refuses.

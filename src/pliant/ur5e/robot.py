@@ -39,13 +39,13 @@ class UrRobot:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Halts. Ctrl-C while nothing was asked of the robot is the trial's end as well."""
+        """Halt. Ctrl-C while nothing was asked of the robot is the trial's end as well."""
         self.halt()
         if kind is KeyboardInterrupt:
             raise signals.interrupted() from error
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
-        """Straight, at most as fast as the configuration allows where the peg may touch.
+        """Move straight, at most as fast as the configuration allows where the peg may touch.
 
         Raises:
             RobotFault: "safety_limits" for a pose outside the workspace or the controller's limits,
@@ -109,8 +109,8 @@ class UrRobot:
         self._ask(m.Freedrive(on=on))
 
     def weigh(self, lighter_kg: float) -> float:
-        """By how much compression changes [m] while the controller believes that the tool is so
-        much lighter. Nothing moves; the wrist must hang freely."""
+        """Measure by how much compression changes [m] while the controller believes that the tool
+        is so much lighter. Nothing moves; the wrist must hang freely."""
         return self._ask_for(float, m.Weigh(lighter_kg=lighter_kg))
 
     def permits(self, pose: Pose) -> bool:
@@ -135,7 +135,7 @@ class UrRobot:
                 )
 
     def _fastest(self, start: Pose, end: Pose) -> float:
-        """[m/s], by whether the peg may touch the board on the way."""
+        """The highest speed [m/s], by whether the peg may touch the board on the way."""
         limits = self.configuration.limits
         free_z = self.task.tip_below_hinge + limits.free_above_mm * 1e-3
         is_free = min(start.z, end.z) >= free_z
@@ -158,7 +158,7 @@ class UrRobot:
         return self._guarded(lambda: self._driver.ask(request))
 
     def _guarded(self, call: Callable[[], T]) -> T:
-        """A fault is final, and Ctrl-C is one."""
+        """Make a call, in which a fault is final, and Ctrl-C is one."""
         if self._fault is not None:
             raise self._fault
         try:

@@ -1,4 +1,4 @@
-"""Picture to Scene without colour: the edges of a block and a peg of known size.
+"""Measures a picture as a Scene without colour: by the edges of a block and a peg of known size.
 
 The block is two upright edges a known width apart, with a top edge; its uprights show the camera's
 roll. The peg is two parallel lines (`peg_lines.py`). An `Offset` corrects a camera that is not
@@ -47,9 +47,9 @@ _WELL_SEEN, _DOUBT_TILT, _DOUBT_PX = 1.55, math.radians(3.5), 1.5  # support; fo
 
 @dataclass(frozen=True, kw_only=True)
 class Aside:
-    """What a camera does not see itself: how the board is turned [rad] and how much nearer than
-    nominal it is [m]; where the peg's tip is along the camera's axis [m], which is about where the
-    hand is if that is None, and by how much the peg's axis comes nearer where it rises by 1."""
+    """Facts that a camera does not see itself: how the board is turned [rad] and how much nearer
+    than nominal it is [m]; where the peg's tip is along the camera's axis [m], which is about where
+    the hand is if that is None, and by how much the peg's axis comes nearer where it rises by 1."""
 
     board_yaw: float = 0.0
     board_x: float = 0.0
@@ -178,7 +178,7 @@ def _pair(
 
 
 def _seen(column: Floats, pair: Pair, corners: tuple[float, ...]) -> float:
-    """How strong the upright edges are at all corners [px], if the outermost are that pair."""
+    """The strength of the upright edges at all corners [px], if the outermost are that pair."""
     total = 0.0
     for corner in corners:
         at = round(pair.left + corner - corners[0])
@@ -187,7 +187,7 @@ def _seen(column: Floats, pair: Pair, corners: tuple[float, ...]) -> float:
 
 
 def _uprights_at(column: Floats, left: float, right: float, slack: int) -> tuple[int, int] | None:
-    """Columns of the best pair of upright edges as far apart as `left` and `right` and within
+    """The columns of the best pair of upright edges as far apart as `left` and `right` and within
     `slack` of them [px], from how strong an edge each column is."""
     near = np.maximum(column, np.maximum(np.roll(column, 1), np.roll(column, -1)))
     width = right - left
@@ -207,7 +207,7 @@ def _uprights_at(column: Floats, left: float, right: float, slack: int) -> tuple
 def _block_top(
     picture: Floats, uprights: Floats, pair: Pair, expected: float, reach: float
 ) -> tuple[float, float] | None:
-    """(row, sd) [px] of the block's top: a level edge, above which its upright edges end."""
+    """The (row, sd) [px] of the block's top: a level edge, above which its upright edges end."""
     low, high = round(expected - reach), round(expected + reach)
     left, right = round(pair.left), round(pair.right)
     levels = level(picture, piece=_PIECE)

@@ -20,7 +20,7 @@ _MOST_DAMPED = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
-    """Where an unknown starts, what is believed beforehand, the step to derive with."""
+    """An unknown: where it starts, what is believed beforehand, the step to derive with."""
 
     start: float
     prior: float | None = None
@@ -88,5 +88,5 @@ def _levenberg_marquardt(
 
 
 def _weights(values: Vector, scale: float) -> Vector:
-    """How much each residual counts, 0 to 1."""
+    """The weight with which each residual counts, 0 to 1."""
     return 1.0 / (1.0 + (values / scale) ** 2) ** 2

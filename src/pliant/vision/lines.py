@@ -27,12 +27,12 @@ _LEAST_STEP, _NOT_MUCH_WEAKER = 0.8, 0.4  # [grey levels a pixel]; share of the 
 
 
 def upright(picture: Floats, *, piece: int) -> Floats:
-    """How strong an upright edge there is around each pixel, over `piece` rows: 0 to 1."""
+    """The strength of an upright edge around each pixel, over `piece` rows: 0 to 1."""
     return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 1, 0)), (1, piece)))
 
 
 def level(picture: Floats, *, piece: int) -> Floats:
-    """How strong a level edge there is around each pixel, over `piece` columns: 0 to 1."""
+    """The strength of a level edge around each pixel, over `piece` columns: 0 to 1."""
     return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 0, 1)), (piece, 1)))
 
 
@@ -42,13 +42,13 @@ def clipped(derivative: NDArray[Any]) -> Floats:
 
 
 def strength(mean: NDArray[Any]) -> Floats:
-    """How strong an edge is, 0 to 1, whose derivative has this mean along a piece (h, w, 3)."""
+    """The strength, 0 to 1, of an edge whose derivative has this mean along a piece (h, w, 3)."""
     step = np.sqrt(np.einsum("ijk,ijk->ij", mean, mean))
     return np.asarray(step / (step + _CLEAR), np.float32)
 
 
 def peaks(profile: Floats, around: float, reach: float) -> list[tuple[float, float]]:
-    """(place, strength) of the steps in a profile (n, channels) near an index, to a part of a
+    """The (place, strength) of the steps in a profile (n, channels) near an index, to a part of a
     pixel: all that are not much weaker than the strongest."""
     rises = np.empty_like(profile)  # np.gradient takes three times as long on so few values
     rises[1:-1] = (profile[2:] - profile[:-2]) / 2
@@ -122,7 +122,7 @@ def fit_pair(points: list[Step], width: float, most_slope: float) -> Pair | None
 
 
 def weight(step: float) -> float:
-    """How much a step counts, 0 to 1."""
+    """The weight with which a step counts, 0 to 1."""
     return step / (step + _CLEAR)
 
 
@@ -139,7 +139,7 @@ class Strip:
     def __init__(
         self, picture: Floats, centre: Points, tilt: float, size: tuple[int, int], at: Points
     ) -> None:
-        """`centre` (2,) in the picture comes to `at` (2,), both in pixels."""
+        """Turn a picture by `tilt`: `centre` (2,) in it comes to `at` (2,), both in pixels."""
         cos, sin = math.cos(tilt), math.sin(tilt)
         self._turn = np.array([[cos, sin], [-sin, cos]])  # columns: across, down
         self._centre, self._at = centre, at

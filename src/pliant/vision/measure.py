@@ -1,4 +1,5 @@
-"""Picture to Scene: colour segmentation, the largest contours, and what they measure (Sec. V-A).
+"""Measures a picture as a Scene: colour segmentation, the largest contours, and what they measure
+(Sec. V-A).
 
 The pixel quantities are the paper's: HSV thresholds, largest contour, `cv2.minAreaRect`, P_center,
 P_edge, H_center, tilt. The metric ones use the camera's calibration and the peg's known size: lines
@@ -22,7 +23,7 @@ Points = NDArray[np.float64]  # (n, 2) pixels, column and row
 
 
 Place = tuple[float, float]
-"""Of an edge of the peg, y and x from its axis [m]."""
+"""The place of an edge of the peg, y and x from its axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +74,7 @@ def measure(
 
 
 def mask_of(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...]) -> NDArray[np.uint8]:
-    """255 where a picture in HSV is within the ranges, else 0."""
+    """The mask of a picture in HSV: 255 where it is within the ranges, else 0."""
     mask = np.zeros(hsv.shape[:2], np.uint8)
     for low, high in ranges:
         mask |= cv2.inRange(hsv, np.array(low), np.array(high)).astype(np.uint8)
@@ -147,8 +148,8 @@ def _hole(
 
 
 def _middle_of_block(camera: Camera, left_u: float, right_u: float, yaw: float) -> float:
-    """y [m] of the block's axis from the columns of its outermost vertical edges: of the near face
-    where the block faces the camera, of opposite corners where it is turned."""
+    """The y [m] of the block's axis from the columns of its outermost vertical edges: of the near
+    face where the block faces the camera, of opposite corners where it is turned."""
     half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
     cos, sin = math.cos(yaw), math.sin(yaw)
     corners = [
@@ -246,8 +247,8 @@ def axis_between(
 def between(
     camera: Camera, left: Points, right: Points, tilt: float, edges: tuple[Place, Place]
 ) -> tuple[float, float]:  # (y, z) [m]
-    """As `axis_between`, from a pixel on each of two edges that lie at these places (y, x) [m] from
-    the axis."""
+    """A point on the axis, as `axis_between` finds it, from a pixel on each of two edges that lie
+    at these places (y, x) [m] from the axis."""
     (left_y, left_x), (right_y, right_x) = edges
     y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
     y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
@@ -257,7 +258,7 @@ def between(
 
 
 def covered_px(camera: Camera) -> float:
-    """How far down from its top a turned gripper may hide a peg's edges [px]."""
+    """The length [px], down from its top, over which a turned gripper may hide a peg's edges."""
     return _FINGERS_M / camera.metres_per_pixel(0.0)
 
 
@@ -327,8 +328,8 @@ def _line(points: Points, outward: Points) -> tuple[Points, float]:
 
 
 def _outermost_line(points: Points, outward: Points) -> tuple[Points, float]:
-    """As `_line`, where most of an edge may be hidden: of the lines through two of the points the
-    one that most points lie on and that none lies beyond."""
+    """A line as `_line` finds it, where most of an edge may be hidden: of the lines through two of
+    the points the one that most points lie on and that none lies beyond."""
     sampled = points[np.argsort(points[:, 1])][:: max(1, len(points) // _SAMPLED)]
     first, second = np.triu_indices(len(sampled), k=max(2, len(sampled) // 3))
     along = sampled[second] - sampled[first]

@@ -13,15 +13,15 @@ _UNKNOWN = Measured(value=0.0, sd=0.004)  # [m] of a third of a degree and a few
 
 @dataclass(frozen=True, kw_only=True)
 class Offset:
-    """What must be added to where a camera's pictures show things, y and z [m] in its plane, each
-    with its standard deviation. By default: of a camera that was not looked through yet."""
+    """The offset to be added to where a camera's pictures show things, y and z [m] in its plane,
+    each with its standard deviation. By default: of a camera that was not looked through yet."""
 
     y: Measured = _UNKNOWN
     z: Measured = _UNKNOWN
 
     @property
     def reach(self) -> float:
-        """How far off things may still be seen [m]."""
+        """The distance [m] from their place at which things may still be seen."""
         return 0.0005 + 2.2 * max(self.y.sd, self.z.sd)
 
 
@@ -45,9 +45,9 @@ def offset_between(predicted: tuple[Measured, Measured], seen: PegSeen) -> Offse
 def hanging_tip(
     task: Task, pose: Pose, tilt: Measured, *, hang_share: float, sag_m: float, sd: float = 0.0001
 ) -> tuple[Measured, Measured]:
-    """Where the tip is, y and z [m], while the peg hangs freely with that tilt: the wrist stretched
-    along the hand, by `sag_m` where that is upright, the tool below it at `hang_share` of the
-    hand's roll, the peg below the grasp. `sd` [m] is that of the arm and these two."""
+    """The place of the tip, y and z [m], while the peg hangs freely with that tilt: the wrist
+    stretched along the hand, by `sag_m` where that is upright, the tool below it at `hang_share` of
+    the hand's roll, the peg below the grasp. `sd` [m] is that of the arm and these two."""
     tool, below = hang_share * pose.roll, task.tip_below_grasp
     sag = sag_m * math.cos(pose.roll)  # the part of the weight that stretches
     y = pose.y + sag * math.sin(pose.roll) + task.grasp_below_hinge * math.sin(tool)

@@ -1,4 +1,5 @@
-"""How the board is turned: the edges of its block in the oblique picture, whatever its colours.
+"""Measures how the board is turned: by the edges of its block in the oblique picture, whatever its
+colours.
 
 The block's outline is a polygon of known size. It is searched for over its turn and its place in
 the picture, by how strong an edge there is along its sides, and then fitted to the edges found.
@@ -34,7 +35,7 @@ _PRIOR = np.array([0.010, 0.015, 0.008, 10.0, math.radians(0.3)])  # x, y, z [m]
 
 @dataclass(frozen=True, kw_only=True)
 class Outline:
-    """Where the block is: its angle about z [rad], and about where its axis is [m]."""
+    """The place of the block: its angle about z [rad], and about where its axis is [m]."""
 
     yaw: Measured
     x: float
@@ -58,8 +59,8 @@ def board_outline(view: View) -> Outline | None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Side:
-    """A side of the outline: between which corners, points (n, 2) [px] at the middles of its
-    pieces, its unit normal (2,)."""
+    """A side of the outline: between which corners it lies, points (n, 2) [px] at the middles of
+    its pieces, its unit normal (2,)."""
 
     ends: tuple[int, int]
     points: NDArray[np.float64]
@@ -106,7 +107,8 @@ def _normal(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _search(picture: Floats, camera: Camera) -> NDArray[np.float64] | None:
-    """(x, y, z, yaw, roll) of the outline that most edges lie along, at half the picture's size."""
+    """The (x, y, z, yaw, roll) of the outline that most edges lie along, at half the picture's
+    size."""
     strengths = _Strengths(picture)
     across, along = _REACH
     nominal, ahead, aside = (
@@ -131,7 +133,7 @@ def _search(picture: Floats, camera: Camera) -> NDArray[np.float64] | None:
 
 
 class _Strengths:
-    """How strong an edge of some direction there is around each pixel, at half the size."""
+    """The strength of edges of some direction around each pixel, at half the size."""
 
     def __init__(self, picture: Floats) -> None:
         small = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)

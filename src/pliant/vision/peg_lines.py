@@ -1,5 +1,6 @@
-"""A peg of known size by its edges: two parallel side lines, its top, and its bottom where the hole
-does not hide it. Searched for where the arm's pose lets it be, coarse to fine, and then fitted."""
+"""Finds a peg of known size by its edges: two parallel side lines, its top, and its bottom where
+the hole does not hide it. Searched for where the arm's pose lets it be, coarse to fine, and then
+fitted."""
 
 import math
 from dataclasses import dataclass
@@ -129,8 +130,8 @@ def _edges(
 def _tip_at(
     camera: Camera, task: Task, pose: Pose, offset: Offset, tilt: float, pressed: float
 ) -> Points:
-    """Where the tip of a peg with that tilt is expected in the picture (2,) [px]: tool and peg hang
-    in a line from the hinge."""
+    """The place in the picture (2,) [px] where the tip of a peg with that tilt is expected: tool
+    and peg hang in a line from the hinge."""
     below = task.tip_below_hinge
     y = pose.y + below * math.sin(tilt) - offset.y.value
     z = pose.z - below * math.cos(tilt) + pressed - offset.z.value
@@ -164,7 +165,7 @@ def _search(
     columns, rows = wide + across, window[1] + long + 4 + along  # of the tip
 
     def shifted(values: Floats, up: int, right: int) -> Floats:
-        """What is so far from each place of the tip."""
+        """The values that lie so far `up` and `right` from each place of the tip."""
         top, left = int(rows[0]) - up, int(columns[0]) + right
         return values[top : top + len(rows), left : left + len(columns)]
 

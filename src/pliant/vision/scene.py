@@ -1,9 +1,9 @@
-"""What is measured in one picture: pixels as in the paper, metres through the calibration."""
+"""The measurements in one picture: pixels as in the paper, metres through the calibration."""
 
 from dataclasses import dataclass
 
 Pixel = tuple[float, float]
-"""(column, row); columns grow toward +y, rows downward."""
+"""A pixel (column, row); columns grow toward +y, rows downward."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,8 @@ class HoleSeen:
 
 @dataclass(frozen=True, kw_only=True)
 class Across:
-    """What the front camera adds: across the plane that the side camera sees. None: not seen."""
+    """The measurements that the front camera adds: across the plane that the side camera sees.
+    None: not seen."""
 
     tip_x: Measured | None  # centre of the peg's bottom face [m]
     pitch: Measured | None  # [rad], of the peg
@@ -58,8 +59,8 @@ class Across:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """What the pictures of one moment measure: the side picture, and the front and the oblique one
-    where they were taken. What could not be measured is None; `problems` says why."""
+    """The measurements in the pictures of one moment: the side picture, and the front and the
+    oblique one where they were taken. What could not be measured is None; `problems` says why."""
 
     peg: PegSeen | None
     hole: HoleSeen | None

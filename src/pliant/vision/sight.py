@@ -1,4 +1,5 @@
-"""What turns the pictures of one moment into a Scene: by colour, as the paper does, or by edges.
+"""Sights, which turn the pictures of one moment into a Scene: by colour, as the paper does, or by
+edges.
 
 A learned segmentation takes the same place: anything that is called like these, once per look.
 """
@@ -109,7 +110,8 @@ class ByEdges:
         return replace(scene, across=across)
 
     def _past(self, seen: Scene, before: Aside, sign: float) -> Aside:
-        """What one camera shows of how near things are to the other."""
+        """The facts about one camera's view that the other camera shows: how near things are to
+        it."""
         aside = replace(before, board_yaw=self._board_yaw)
         if seen.hole is not None:
             aside = replace(aside, board_x=sign * seen.hole.y.value)
@@ -141,7 +143,7 @@ class ByEdges:
 
 
 def _differ(one: Aside, other: Aside) -> bool:
-    """By enough to measure again."""
+    """Whether two differ by enough to measure again."""
     if one.tip_x is None or other.tip_x is None:
         return one.tip_x is not other.tip_x
     return abs(one.tip_x - other.tip_x) > _FARTHER or abs(one.lean - other.lean) > _LEANING

@@ -70,7 +70,8 @@ class Guided:
         return checks.check(task, outcome, teaching.scenes, belief)
 
     def presses_on(self, step: Step, case: Case) -> bool:
-        """Fit, Align and a retreat see to the load before they travel."""
+        """Whether a step would press on after a compression stop: Fit, Align and a retreat do not,
+        since they see to the load before they travel."""
         stopped = case.outcome.stop is Stop.COMPRESSION
         return stopped and step.formation is Formation.INSERTION and not step.retreat
 

@@ -1,4 +1,4 @@
-"""What a guided skill believes: soft evidence, of which one wrong reading poisons nothing, of a
+"""The belief of a guided skill: soft evidence, of which one wrong reading poisons nothing, of a
 board that may move."""
 
 import math

@@ -31,7 +31,7 @@ FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches t
 def check(
     task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], belief: Belief
 ) -> Evidence:
-    """Every check that the executed formation calls for."""
+    """Make every check that the executed formation calls for."""
     metrics = {
         Formation.FIT: metric_far_wall,
         Formation.ALIGN: metric_upright,
@@ -41,8 +41,8 @@ def check(
 
 
 def metric_far_wall(task: Task, scene: Scene) -> Check:
-    """The low corner is in the hole, near its far wall, while the trailing one stands on the rim,
-    where a tight hole must leave it; or both are in."""
+    """Check that the low corner is in the hole, near its far wall, while the trailing one stands on
+    the rim, where a tight hole must leave it; or that both are in."""
     if scene.peg is None or scene.hole is None:
         return unmade("metric", scene)
     y, z = low_corner(scene.peg)
@@ -55,9 +55,9 @@ def metric_far_wall(task: Task, scene: Scene) -> Check:
 
 
 def metric_upright(task: Task, scene: Scene) -> Check:
-    """As `metric_align`, well below the rim, and across the plane of insertion too. Of a deep peg
-    little is seen, and where its tip is follows from far above it; but nothing is deep beside the
-    hole."""
+    """Check as `metric_align` does, but well below the rim, and across the plane of insertion too.
+    Of a deep peg little is seen, and where its tip is follows from far above it; but nothing is
+    deep beside the hole."""
     if scene.peg is None or scene.hole is None:
         return unmade("metric", scene)
     offset, tilt, depth, words = standing(scene.peg, scene.hole)

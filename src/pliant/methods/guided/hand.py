@@ -46,8 +46,8 @@ MECHANISMS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Manner:
-    """How the guided skills move: workspace, speeds [m/s], limit [m], waits [s]; which of their
-    mechanisms they go without."""
+    """The manner in which the guided skills move: workspace, speeds [m/s], limit [m], waits [s];
+    and the mechanisms that they go without."""
 
     limits: Limits = field(default_factory=Limits)
     lacks: frozenset[str] = frozenset()
@@ -61,12 +61,12 @@ class Manner:
 
     @property
     def memory(self) -> int:
-        """Of how many readings the hole's place is the median."""
+        """The number of readings of which the hole's place is the median."""
         return 1 if "median" in self.lacks else MEMORY
 
 
 class Stopped(Exception):
-    """The compression limit ended a motion."""
+    """Raised when the compression limit ended a motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,13 +79,13 @@ class Frame:
     yaw: float
 
     def point(self, inside: np.ndarray) -> np.ndarray:  # (3,) [m]
-        """A point in the hole's frame, in the task frame."""
+        """Transform a point (3,) [m] of the hole's frame to the task frame."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         a, b, c = inside
         return np.array([self.x + cos * a - sin * b, self.y + sin * a + cos * b, self.z + c])
 
     def inside(self, pose: Pose) -> Pose:
-        """A pose of the task frame, in the hole's."""
+        """Transform a pose of the task frame to the hole's."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         a, b = pose.x - self.x, pose.y - self.y
         return replace(
@@ -97,7 +97,7 @@ class Frame:
         )
 
     def outside(self, pose: Pose) -> Pose:
-        """The inverse of `inside`."""
+        """Transform a pose of the hole's frame to the task frame: the inverse of `inside`."""
         x, y, z = (float(v) for v in self.point(np.array([pose.x, pose.y, pose.z])))
         return replace(pose, x=x, y=y, z=z, yaw=pose.yaw + self.yaw)
 
@@ -149,17 +149,17 @@ class Hand:
     # --- motion ----------------------------------------------------------------------------------
 
     def to(self, pose: Pose, speed: float) -> None:
-        """A straight motion [task frame]."""
+        """Move straight to a pose in the task frame."""
         self._move(pose, speed, self._manner.compression_limit_m)
 
     def shift(self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
-        """By so much [m] along the hole's axes."""
+        """Move by so much [m] along the hole's axes."""
         here = self.frame.inside(self.at)
         there = replace(here, x=here.x + x, y=here.y + y, z=here.z + z)
         self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
 
     def inside(self, **axes: float) -> None:
-        """To these values of the hole's frame [m, rad]; the others stay."""
+        """Move to these values of the hole's frame [m, rad]; the others stay."""
         there = replace(self.frame.inside(self.at), **axes)
         self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
 
@@ -172,7 +172,8 @@ class Hand:
             self.to(replace(here, yaw=yaw), self._manner.turning_speed_m_s)
 
     def lift(self, clear: float) -> None:
-        """Straight up to the height `clear` [m], out of the hole; a peg that holds on is shaken."""
+        """Lift straight up to the height `clear` [m], out of the hole; a peg that holds on is
+        shaken."""
         for attempt in range(_LIFTS):
             if self.at.z >= clear:
                 return
@@ -219,7 +220,7 @@ class Hand:
         self.robot.tare()
 
     def down(self, most: float, touch: float) -> None:
-        """Down by at most `most` [m], ended by `touch` [m] of compression, or in the hole.
+        """Move down by at most `most` [m], ended by `touch` [m] of compression, or in the hole.
 
         Raises:
             RobotFault: "no_touch": it was not, and no picture shows the tip in the hole.
@@ -239,7 +240,7 @@ class Hand:
         return seen is not None and seen[0] > _CLEARLY_IN_M
 
     def load(self, compression: float) -> None:
-        """Up or down until the wrist is pressed by about so much [m]."""
+        """Move up or down until the wrist is pressed by about so much [m]."""
         for _ in range(4):
             error = compression - self.compression()
             if abs(error) < _TRIMMED:
@@ -262,11 +263,11 @@ class Hand:
     # --- senses ----------------------------------------------------------------------------------
 
     def compression(self) -> float:
-        """Of the wrist, from free hang [m]."""
+        """The compression of the wrist, from free hang [m]."""
         return self.robot.observe(cameras=()).compression_m
 
     def see(self, cameras: Sequence[str]) -> Tip | None:
-        """Look; the tip of the peg [m], or None if the peg or the hole is not seen."""
+        """Look, and return the tip of the peg [m], or None if the peg or the hole is not seen."""
         look = self._look(cameras)
         self.looks.append(look)
         self.belief = softly(self.belief, self._seen(look), self._teaching, self._manner.memory)
@@ -294,7 +295,8 @@ class Hand:
         return x, y, z
 
     def corner(self, cameras: Sequence[str]) -> "Corner | None":
-        """Where the low corner of the peg is in the hole's frame."""
+        """The low corner of the peg in the hole's frame, or None if the peg or the hole is not
+        seen."""
         self.robot.settle(self._manner.rest_s)
         seen = self.see(cameras)
         if seen is None:
@@ -325,7 +327,7 @@ class Hand:
 
     @property
     def frame(self) -> Frame:
-        """Where the hole is believed to be."""
+        """The hole's frame, where the hole is believed to be."""
         belief = self.belief
         x, y, z, yaw = (
             m.value if m is not None else 0.0

@@ -1,4 +1,4 @@
-"""What the rules do after a guided skill failed.
+"""The rules for what to do after a guided skill failed.
 
 The guided skills correct themselves from what they see, so there is less to plan: go on where the
 peg is, or lift, hang it above the hole anew and aim a little further to one side each time.
@@ -51,7 +51,7 @@ def plan(case: Case, by: str) -> Recovery:
 
 
 def _tired(case: Case, formation: Formation) -> bool:
-    """This formation was executed often enough since the last Fit."""
+    """Whether this formation was executed often enough since the last Fit."""
     since = 1
     for execution in reversed(case.history):
         if execution.formation is Formation.FIT:
@@ -61,7 +61,8 @@ def _tired(case: Case, formation: Formation) -> bool:
 
 
 def _touch_down_anew(case: Case, by: str, what: str, why: str) -> Recovery:
-    """Where the hole is seen at first, and from there a little to the sides in turn."""
+    """Plan to touch down anew: at first where the hole is seen, and from there a little to the
+    sides in turn."""
     outcomes = [*(e.outcome for e in case.history), case.outcome]
     fits = sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
     aim = _AIMS[fits % len(_AIMS)]

@@ -34,8 +34,8 @@ SHIFTED: Mapping[Formation, tuple[Axis, ...]] = {
     formation: SHIFTS if formation in (Formation.FIT, Formation.ALIGN) else ()
     for formation in Formation
 }
-"""What a step may name beside the axes that its formation owns: how far from what is believed to
-aim [m, rad]."""
+"""The axes that a step may name beside those that its formation owns: how far from what is believed
+to aim [m, rad]."""
 
 _LEAN = math.radians(10)  # of the hand, past upright: the far corner hangs lowest
 _HOLD = math.radians(15)  # of the hand, the other way: the wrist's torque holds the far wall
@@ -124,7 +124,8 @@ class GuidedSkills:
     def _above_hole(
         self, hand: Hand, tip: tuple[float, float, float], shift: Partial
     ) -> tuple[Pose, float]:
-        """Where the hinge must be for the tip to hang where it should, and how far off that is."""
+        """The pose of the hinge for which the tip hangs where it should, and how far from there the
+        tip is [m]."""
         frame, belief = hand.frame, hand.belief
         lean = hang_share(self.teaching) * _LEAN  # about; what it is will be seen
         half = self.task.peg.half_extents[1]
@@ -154,21 +155,22 @@ class GuidedSkills:
         return goal, math.dist(frame.point(aim)[:2], tip[:2])
 
     def _step_aside(self, hand: Hand, aside: float) -> None:
-        """By so much [m] along the hole's x, whether or not the cameras see that axis."""
+        """Shift the hand by so much [m] along the hole's x, whether or not the cameras see that
+        axis."""
         if aside:
             hand.shift(x=aside)
             hand.robot.settle(self.manner.swing_s)
 
     def _contact(self, hand: Hand) -> None:
-        """Down until the wrist gives way, then a steady load, both counted from free hang with the
-        hand turned as it is now: gravity pulls less along a leaning wrist."""
+        """Move down until the wrist gives way, then to a steady load, both counted from free hang
+        with the hand turned as it is now: gravity pulls less along a leaning wrist."""
         hand.tare()
         hand.down(2 * _ABOVE + 0.02, _TOUCH)
         hand.load(_PRESSED)
 
     def _fit(self, hand: Hand, aside: float) -> None:
-        """The low corner to the far wall of the hole, which is looked for `aside` [m] along x of
-        where it is believed to be."""
+        """Bring the low corner to the far wall of the hole, which is looked for `aside` [m] along x
+        of where it is believed to be."""
         for attempt in range(10):
             corner = hand.corner((SIDE,) if attempt == 0 else (SIDE, FRONT))
             if corner is None:
@@ -194,8 +196,8 @@ class GuidedSkills:
             hand.load(_PRESSED)
 
     def _search(self, hand: Hand, attempt: int, along: float) -> None:
-        """Over the hole but not in it: on to the far wall, `along` [m] from here, with a turn of
-        the hand, and across by a little more each time."""
+        """Search for the hole, over it but not in it: on to the far wall, `along` [m] from here,
+        with a turn of the hand, and across by a little more each time."""
         reach = 0.0008 * (1 + attempt // 2) * (1 if attempt % 2 == 0 else -1)
         hand.load(_LIGHT)
         hand.shift(x=reach, y=-along)
@@ -252,13 +254,13 @@ class GuidedSkills:
             hand.dither(math.radians(2.5))
 
     def _hinge_over_hole(self, hand: Hand) -> float:
-        """y of the hinge for an upright peg in the hole [m], in the hole's frame."""
+        """The y [m] of the hinge for an upright peg in the hole, in the hole's frame."""
         angle = hand.belief.grasp_roll.value if hand.belief.grasp_roll else 0.0
         return self.task.grasp_below_hinge * math.sin(angle)
 
     def _aside(self, belief: Belief, shift: Partial) -> Partial:
-        """Where a shift sends the hinge in the hole's frame, from where an upright peg in the hole
-        would have it [m, rad]; an axis without a shift stays as it is."""
+        """The place in the hole's frame to which a shift sends the hinge, from where an upright peg
+        in the hole would have it [m, rad]; an axis without a shift stays as it is."""
         upright = belief.upright_pitch.value if belief.upright_pitch else 0.0
         angle = hang_share(self.teaching) * upright  # of the gripper that holds an upright peg
         over = {
@@ -269,7 +271,7 @@ class GuidedSkills:
         return {a: over[a] + shift[a] for a in SHIFTS if shift.get(a, 0.0)}
 
     def _insert(self, hand: Hand, deeper: float) -> None:
-        """Down in short steps, straightened after each by what the picture shows; where there is
+        """Go down in short steps, straightened after each by what the picture shows; where there is
         no progress, back off and shake."""
         deepest = self.task.depth + _MARGIN + deeper
         over = self._hinge_over_hole(hand)

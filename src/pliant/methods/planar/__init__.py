@@ -51,7 +51,8 @@ class Planar:
         return checks.check(task, outcome, teaching.scenes)
 
     def presses_on(self, step: Step, case: Case) -> bool:
-        """Pressed on, it must rise; stretched, it must go down."""
+        """Whether a step would press on after a compression stop: from a pressed wrist it must
+        rise, from a stretched one go down."""
         if case.outcome.stop is not Stop.COMPRESSION:
             return False
         at = case.outcome.looks[-1].observation

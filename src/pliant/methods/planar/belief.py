@@ -1,4 +1,4 @@
-"""What the paper's method believes: that the hole does not move, and that nothing is measured wrong
+"""The belief of the paper's method: that the hole does not move, and that nothing is measured wrong
 but by noise."""
 
 import math

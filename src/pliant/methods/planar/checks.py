@@ -24,7 +24,7 @@ RIM_MARGIN_M = 0.0005  # Fit: the trailing corner is this far inside the near ri
 
 
 def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Evidence:
-    """Every check that the executed formation calls for."""
+    """Make every check that the executed formation calls for."""
     metrics = {
         Formation.FIT: metric_fit,
         Formation.ALIGN: metric_align,
@@ -34,7 +34,7 @@ def check(task: Task, outcome: Outcome, taught: Mapping[Formation, Scene]) -> Ev
 
 
 def metric_fit(task: Task, scene: Scene) -> Check:
-    """The low corner is in the hole and the trailing corner has cleared the near rim."""
+    """Check that the low corner is in the hole and the trailing corner has cleared the near rim."""
     if scene.peg is None or scene.hole is None:
         return unmade("metric", scene)
     half = half_hole(task)
@@ -51,7 +51,8 @@ def metric_fit(task: Task, scene: Scene) -> Check:
 
 
 def metric_align(task: Task, scene: Scene) -> Check:
-    """Both lower corners are inside the hole's rims, and the peg stands within 5 degrees."""
+    """Check that both lower corners are inside the hole's rims, and the peg stands within 5
+    degrees."""
     if scene.peg is None or scene.hole is None:
         return unmade("metric", scene)
     offset, tilt, depth, words = standing(scene.peg, scene.hole)

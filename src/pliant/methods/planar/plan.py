@@ -1,5 +1,5 @@
-"""What the rules do after one of the paper's single motions failed: the next goals, by what is
-seen.
+"""The rules for what to do after one of the paper's single motions failed: the next goals, by what
+is seen.
 
 Fit travels toward -y: "further" means more negative. Everything here is in the plane of insertion.
 """
@@ -136,7 +136,7 @@ class Planner:
     # --- without a measurement -------------------------------------------------------------------
 
     def _blind(self, case: Case, problem: str) -> Recovery:
-        """Nothing can be measured: look again once after a retreat, then stop."""
+        """Plan where nothing can be measured: look again once after a retreat, then stop."""
         before = case.history[-1].outcome.scene if case.history else None
         again = before is not None and (before.peg is None or before.hole is None)
         analysis = FailureAnalysis(
@@ -192,14 +192,14 @@ class Planner:
 
 
 def _hole(case: Case) -> float:
-    """Where the hole is believed to be along y [m]."""
+    """The y [m] where the hole is believed to be."""
     believed = case.belief.hole_y
     return believed.value if believed is not None else 0.0
 
 
 def _hinge_over_hole(case: Case) -> float:
-    """Where the hinge must be along y for the peg to stand upright in the hole [m]: off the hole's
-    centre by the grasp angle's lever."""
+    """The y [m] of the hinge for the peg to stand upright in the hole: off the hole's centre by the
+    grasp angle's lever."""
     angle = case.belief.grasp_roll.value if case.belief.grasp_roll is not None else 0.0
     offset = case.teaching.goals.target(Formation.ALIGN).y
     return _hole(case) + offset + case.task.grasp_below_hinge * math.sin(angle)
@@ -217,8 +217,8 @@ def _where(case: Case, peg: PegSeen) -> str:
 
 
 def _where_seen(case: Case, peg: PegSeen, surface: float) -> str:
-    """ "in" both lower corners inside the rims; "edge" the low one in, the other on the near rim;
-    "before" or "beyond" the hole."""
+    """The place where the peg is seen. "in": both lower corners inside the rims; "edge": the low
+    one in, the other on the near rim; "before" or "beyond" the hole."""
     hole, half = _hole(case), half_hole(case.task)
     y, z = low_corner(peg)
     if z > surface - _SEATED:

@@ -16,8 +16,8 @@ from pliant.wrist import LIMIT_M
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarSkills:
-    """How the paper's skills move: the taught goals, from which a retreat takes its height and
-    where it comes down; speeds [m/s], limit [m], waits [s]."""
+    """The paper's skills: the taught goals, from which a retreat takes its height and where it
+    comes down; speeds [m/s], limit [m], waits [s]."""
 
     taught: Goals
     free_speed_m_s: float = 0.05

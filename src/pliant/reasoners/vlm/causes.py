@@ -1,4 +1,5 @@
-"""Why no reply came, in the words of who knows it: the server, or the operating system."""
+"""The causes of a missing reply, in the words of who knows them: the server, or the operating
+system."""
 
 import json
 import os
@@ -110,7 +111,7 @@ _KINDS: tuple[tuple[range, Any], ...] = (
 
 
 def _sent_on_to(error: BaseException) -> str | None:
-    """Where a server sends on what it is asked; None: it does not."""
+    """The address to which a server sends on what it is asked; None: it does not."""
     for cause in causes(error):
         response = getattr(cause, "response", None)
         code = getattr(response, "status_code", None)
@@ -125,7 +126,7 @@ def _sent_on_to(error: BaseException) -> str | None:
 
 
 def _systems(error: BaseException) -> str:
-    """What lies deepest under an error: the operating system's words where it has some."""
+    """The deepest cause of an error: the operating system's words where it has some."""
     chain = [e for e in causes(error) if str(e)]
     for cause in reversed(chain):
         if isinstance(cause, ssl.SSLCertVerificationError):

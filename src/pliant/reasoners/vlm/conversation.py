@@ -1,4 +1,5 @@
-"""One decision asked of a model: sent, validated, asked again once, within one deadline.
+"""The conversation for one decision of a model: sent, validated, asked again once, within one
+deadline.
 
 The arm is at rest meanwhile. Whatever a server does, the answer comes back in bounded time: a
 usable reply, or why there is none.
@@ -40,7 +41,7 @@ _TAG = {Output.TOOL: ToolOutput, Output.NATIVE: NativeOutput, Output.PROMPTED: P
 
 @dataclass(frozen=True, kw_only=True)
 class Answer(Generic[T]):
-    """What became of a question: `value` None where there is no usable reply, and `problem` says
+    """The outcome of a question: `value` None where there is no usable reply, and `problem` says
     why; `refused` is then the last reply that could at least be read. `is_final`: the same question
     would meet the same end, since it was refused, nobody was there, or no reply came in time."""
 
@@ -124,12 +125,14 @@ def ask(
 
 
 def _flaw(calls: Sequence[Call]) -> str:
-    """What was odd about the form of the last reply, where that was the last that happened."""
+    """A note on what was odd about the form of the last reply, where that was the last that
+    happened; else empty."""
     return calls[-1].flaw if calls and not calls[-1].error else ""
 
 
 def _reason(error: AgentRunError, wire: Wire) -> str:
-    """Why a conversation ended: what was wrong with the last reply, where that was it."""
+    """The reason why a conversation ended: what was wrong with the last reply, where that was
+    it."""
     if isinstance(error, UsageLimitExceeded):
         return "no usable reply to either request"
     if isinstance(error, UnexpectedModelBehavior):
@@ -153,8 +156,8 @@ def _after(refusals: Sequence[str], reason: str) -> str:
 
 
 def _aside(conversation: Callable[[], Coroutine[Any, Any, T]], within_s: float) -> T:
-    """What the conversation gives, held in a thread and an event loop of its own: a notebook
-    already runs one. However it ends, by Ctrl-C too, both end with it.
+    """Return what the conversation gives, held in a thread and an event loop of its own: a notebook
+    already runs a loop. However it ends, by Ctrl-C too, both end with it.
 
     Raises:
         TimeoutError: it did not end within `within_s`.

@@ -28,7 +28,8 @@ _HOMES = {
     "anthropic": "https://api.anthropic.com:443",
     "google": "https://generativelanguage.googleapis.com:443",
 }
-"""Where the keys go that the providers' own variables hold, by the client's `system`."""
+"""The servers where the keys go that the providers' own variables hold, by the client's
+`system`."""
 
 _NEEDS_KEY = (401, 403)
 _ACCOUNT = ("OpenAI-Organization", "OpenAI-Project")  # headers that its client adds for OpenAI
@@ -104,8 +105,9 @@ def _served(name: str, base_url: str) -> Model:
     from pydantic_ai.providers.openai import OpenAIProvider
 
     class Served(OpenAIChatModel):
-        """Keeps what the server says of its version, hears an error that comes with the status of a
-        success, and takes the server's word on how the longest reply is called."""
+        """The client of a server's model: keeps what the server says of its version, hears an error
+        that comes with the status of a success, and takes the server's word on how the longest
+        reply is called."""
 
         _is_new = False
 
@@ -183,7 +185,7 @@ def _key_is_for() -> str | None:
 
 
 def recorded(tape: Replayer) -> Model:
-    """In place of the model whose replies a recording holds: it is never asked itself."""
+    """A stand-in for the model whose replies a recording holds: it is never asked itself."""
 
     def asked(messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
         raise AssertionError("the recording answers first")

@@ -1,4 +1,4 @@
-"""From a model's reply to steps: compiled, held against the analysis, clamped (Sec. V-B).
+"""Turns a model's reply into steps: compiled, held against the analysis, clamped (Sec. V-B).
 
 Nothing here repairs a reply in silence. What may not be done is refused with a reason that goes
 back to the model.
@@ -87,7 +87,8 @@ def _change(reply: BoundedPlan, formation: Formation, axis: Axis) -> float:
 
 
 def in_metres(reply: BaseModel, case: Case) -> str | None:
-    """Why a plan seems to be written in metres, and so says nothing; None: it does not."""
+    """The reason why a plan seems to be written in metres, and so says nothing; None: it does
+    not."""
     if isinstance(reply, AbsolutePlan):
         for step in steps_of(reply, case):
             for axis, value in step.goal.items():
@@ -102,7 +103,7 @@ def in_metres(reply: BaseModel, case: Case) -> str | None:
 
 
 def refusal(recovery: Recovery, case: Case, limits: Limits, step_limit_m: float) -> str | None:
-    """Why a plan may not be done, in words for the model; None: it may."""
+    """The reason why a plan may not be done, in words for the model; None: it may."""
     if not recovery.steps:
         return None
     tighter = replace(limits, goal_step_m=min(limits.goal_step_m, step_limit_m + _ROUNDING_M))
@@ -115,7 +116,8 @@ def refusal(recovery: Recovery, case: Case, limits: Limits, step_limit_m: float)
 
 
 def _against_analysis(step: Step, suggested: Partial, case: Case) -> str | None:
-    """The plan's first change against the analysis's direction."""
+    """The reason why the plan's first change opposes the analysis's direction; None: it does
+    not."""
     for axis, change in changes(step, case).items():
         told = suggested.get(axis, 0.0)
         if _opposed(change, told):
@@ -157,8 +159,8 @@ def _cut(by: float, most: float) -> float:
 
 
 def _same_way(steps: tuple[Step, ...], right: tuple[Step, ...], case: Case) -> bool:
-    """Both start with the same formation and move its goal the same way, and no later goal the
-    other way."""
+    """Whether both start with the same formation and move its goal the same way, and no later goal
+    the other way."""
     wanted = {step.formation: changes(step, case) for step in right}
     if steps[0].formation is not right[0].formation:
         return False
@@ -171,5 +173,5 @@ def _same_way(steps: tuple[Step, ...], right: tuple[Step, ...], case: Case) -> b
 
 
 def _opposed(one: float, other: float) -> bool:
-    """Two motions [m, rad] along an axis that have a direction, and not the same."""
+    """Whether two motions [m, rad] along an axis have a direction, and not the same."""
     return min(abs(one), abs(other)) > _NO_MOTION and one * other < 0

@@ -1,4 +1,4 @@
-"""One small request before anything moves: whether the model can be asked at all."""
+"""Makes one small request before anything moves: whether the model can be asked at all."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ class Seen(Strict):
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """What became of a model's first request: `problem` says why there is no usable reply; empty:
+    """The outcome of a model's first request: `problem` says why there is no usable reply; empty:
     there is one. `is_final`: asking again would change nothing."""
 
     problem: str

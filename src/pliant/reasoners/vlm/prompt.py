@@ -1,5 +1,5 @@
-"""What a model is told and shown (Sec. V): the static part first, so that servers can cache it,
-then the goal picture, the situation, and the picture taken after the skill.
+"""The prompt, which is what a model is told and shown (Sec. V): the static part first, so that
+servers can cache it, then the goal picture, the situation, and the picture taken after the skill.
 
 It sees what the case holds and no more; numbers are in millimetres and degrees, as their names say.
 """
@@ -133,7 +133,8 @@ def _goals(goals: Goals) -> str:
 
 
 def _shifts(case: Case) -> str:
-    """The goals in force beside the taught ones, where the skills go by the difference."""
+    """The section with the goals in force beside the taught ones, where the skills go by the
+    difference."""
     rows = []
     for formation in Formation:
         goal, taught = (g.formations[formation] for g in (case.goals, case.teaching.goals))
@@ -187,7 +188,7 @@ def _compression(outcome: Outcome) -> str:
 
 
 def _measured(case: Case) -> str:
-    """pliant's own measurements, which the paper's model did not get."""
+    """The section with pliant's own measurements, which the paper's model did not get."""
     lines = ["## Measured in the picture"]
     scene, belief = case.outcome.scene, case.belief
     if scene.peg is not None:
@@ -208,7 +209,8 @@ def _measured(case: Case) -> str:
 
 
 def _seen(case: Case) -> str:
-    """What was measured after the skill, what was not, and what is believed of all looks."""
+    """The section on what was measured after the skill, what was not, and what is believed of all
+    looks."""
     look, belief = case.outcome.looks[-1], case.belief
     scene, across = look.scene, look.scene.across
     pressed = f"compression at rest: {_tenths(look.observation.compression_m * 1e3)} mm"
@@ -249,7 +251,7 @@ def _belief(belief: Belief) -> list[str]:
 
 
 def _disbelieved(scene: Scene, belief: Belief) -> list[str]:
-    """Readings of this look that the belief does not follow."""
+    """The lines on readings of this look that the belief does not follow."""
     across = scene.across
     pairs = {
         "hole y_mm": (None if scene.hole is None else scene.hole.y, belief.hole_y),
@@ -269,7 +271,7 @@ def _within(measured: Measured, axis: Axis = Axis.Y) -> str:
 
 
 def _checks(evidence: Evidence, settings: Settings, case: Case) -> dict[str, str]:
-    """What the checks found, by the name that the model reads: the paper's, and the metric one with
+    """The checks' findings, by the name that the model reads: the paper's, and the metric one with
     the measurements that the skills go by."""
     measured = case.method.follows_belief and tells_measurements(settings, case)
     shown = {
@@ -294,7 +296,7 @@ def _mm(values: Pose | Partial, axes: Iterable[Axis]) -> str:
 
 
 def _tenths(value: float) -> str:
-    """To a tenth, and nothing below zero is written "-0.0"."""
+    """Write a value to a tenth; nothing below zero is written "-0.0"."""
     return f"{round(value, 1) + 0.0:.1f}"
 
 

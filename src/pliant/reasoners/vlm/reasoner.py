@@ -163,7 +163,7 @@ class Vlm:
         return self._instead(case, verdict, proposal(refused), answer.problem, exchanges)
 
     def _told(self, case: Case, verdict: Verdict) -> Verdict:
-        """What the model is told of a verdict. The words of another judge hold measurements and
+        """The verdict as the model is told it. The words of another judge hold measurements and
         Table I, which a model that is not told them would learn that way."""
         if verdict.by == self.name or prompt.tells_measurements(self.settings, case):
             return verdict
@@ -177,7 +177,7 @@ class Vlm:
         problem: str,
         exchanges: tuple[Exchange, ...],
     ) -> Recovery | None:
-        """What is done where the model gave no plan that may be done."""
+        """The recovery where the model gave no plan that may be done."""
         if not self.settings.fallback:
             stop = FailureAnalysis(
                 what=verdict.reason, why=f"no usable plan: {problem}", how="stop", motion={}

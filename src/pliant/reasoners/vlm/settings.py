@@ -1,5 +1,5 @@
-"""What can be chosen about a vision-language model as the reasoner: which one, what it is shown,
-what it decides, how it answers, and what it may spend. Needs no model's library."""
+"""Settings of a vision-language model as the reasoner: which one, what it is shown, what it
+decides, how it answers, and what it may spend. Needs no model's library."""
 
 import json
 import math
@@ -16,14 +16,14 @@ from pliant.errors import InputError, unknown, within
 
 
 class Plans(StrEnum):
-    """How the model writes a plan."""
+    """The form in which the model writes a plan."""
 
     BOUNDED = "bounded"  # where to resume, and whole-millimetre changes within bounds
     ABSOLUTE = "absolute"  # the paper's: a list of skills with absolute goals
 
 
 class Output(StrEnum):
-    """How a reply's structure is asked for."""
+    """The way in which a reply's structure is asked for."""
 
     TOOL = "tool"  # function calling, as in the paper
     NATIVE = "native"  # the server enforces a JSON schema
@@ -36,7 +36,7 @@ class Decider(StrEnum):
 
 
 class Detail(StrEnum):
-    """Resolution at which a hosted model looks at pictures."""
+    """The resolution at which a hosted model looks at pictures."""
 
     LOW = "low"
     HIGH = "high"

@@ -33,7 +33,8 @@ Document = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What was sent: `words` is everything but the pictures, as plain JSON; `pictures` are PNG."""
+    """A request as it was sent: `words` is everything but the pictures, as plain JSON; `pictures`
+    are PNG."""
 
     words: Document
     pictures: tuple[bytes, ...]
@@ -46,7 +47,7 @@ class Request:
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
-    """What came back as plain JSON, or the error in its place."""
+    """A reply as it came back, in plain JSON, or the error in its place."""
 
     message: Document | None
     error: str
@@ -55,7 +56,7 @@ class Reply:
 
 
 class Tape(Protocol):
-    """Where requests pass by: a recording is written, a replay answers them itself."""
+    """A tape that requests pass by: a recording is written, a replay answers them itself."""
 
     def find(self, request: Request) -> Reply | None:
         """The recorded reply; None: ask the model."""
@@ -66,7 +67,7 @@ class Tape(Protocol):
 
 @dataclass(frozen=True)
 class NoTape:
-    """Nothing is recorded and nothing replayed."""
+    """A tape that records nothing and replays nothing."""
 
     def find(self, request: Request) -> Reply | None:
         return None
@@ -168,7 +169,8 @@ class Replayer:
         return next(filter(None, names), "none")
 
     def find(self, request: Request) -> Reply | None:
-        """Raises InputError where the recording has no such request left: it says what differs."""
+        """The recorded reply; raises InputError where the recording has no such request left: it
+        says what differs."""
         waiting = self._exchanges.get(request.key)
         if not waiting:
             raise InputError(self._mismatch(request))
@@ -243,7 +245,7 @@ def _is_recording(path: Path) -> bool:
 
 
 def _difference(one: Document, other: Document) -> str:
-    """Where two requests' words first differ, in a few words."""
+    """The first place where two requests' words differ, in a few words."""
     for name in sorted({*one, *other}):
         ours, theirs = _text(other.get(name)), _text(one.get(name))
         if ours != theirs:

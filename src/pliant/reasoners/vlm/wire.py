@@ -41,12 +41,12 @@ _ANYTHING: TypeAdapter[Any] = TypeAdapter(Any)
 
 
 class OutOfBudget(AgentRunError):
-    """The trial may spend no more on its model."""
+    """Raised when the trial may spend no more on its model."""
 
 
 @dataclass
 class Budget:
-    """What a trial has spent on its model."""
+    """The budget of a trial for its model, with what it has spent."""
 
     settings: Settings
     requests: int = 0
@@ -54,7 +54,7 @@ class Budget:
     usd: float = 0.0
 
     def check(self) -> None:
-        """Raises OutOfBudget where nothing is left."""
+        """Raise OutOfBudget where nothing is left."""
         most = self.settings
         if self.requests >= most.max_requests:
             raise OutOfBudget(f"the trial's {most.max_requests} requests are spent")
@@ -102,8 +102,8 @@ class Wire(WrapperModel):
         messages: list[ModelMessage],
         model_request_parameters: ModelRequestParameters | None = None,
     ) -> list[ModelMessage]:
-        """As they are, since a recording is replayed without the model that they are prepared for;
-        that happens when it is asked."""
+        """Return the messages as they are, since a recording is replayed without the model that
+        they are prepared for; that happens when it is asked."""
         return messages
 
     async def request(
@@ -208,7 +208,7 @@ class Wire(WrapperModel):
 
 
 def _since(started: float) -> float:
-    """Seconds since then, as exactly as they are recorded."""
+    """The seconds since `started`, as exactly as they are recorded."""
     return round(time.perf_counter() - started, 4)
 
 
@@ -239,7 +239,8 @@ def _instructions(messages: list[ModelMessage]) -> str:
 
 
 def _call(messages: list[ModelMessage], **rest: Any) -> Call:
-    """The newest message of a conversation, with its instructions where it is the first."""
+    """A call that begins with the newest message of a conversation, with its instructions where it
+    is the first."""
     instructions = _instructions(messages)
     text = _text(messages[-1])
     return Call(
@@ -250,7 +251,7 @@ def _call(messages: list[ModelMessage], **rest: Any) -> Call:
 
 
 def _cut(response: ModelResponse, most: int) -> ModelResponse:
-    """A reply whose text is far longer than was asked for, as its beginning."""
+    """Cut a reply to its beginning if its text is far longer than was asked for."""
     text = _text(response)
     extra = len(text) - most
     if extra <= 0:
@@ -261,8 +262,8 @@ def _cut(response: ModelResponse, most: int) -> ModelResponse:
 
 
 def _without_orphan(response: ModelResponse) -> ModelResponse:
-    """A reply whose thoughts end with a mark that nothing began, as templates that begin them
-    themselves leave it: the thoughts apart from what follows them."""
+    """Part a reply's thoughts from what follows them where they end with a mark that nothing began,
+    as templates that begin them themselves leave it."""
     parts: list[Any] = []
     for part in response.parts:
         thoughts, mark, rest = (
@@ -277,7 +278,8 @@ def _without_orphan(response: ModelResponse) -> ModelResponse:
 
 
 def _flaw(response: ModelResponse, reply_tokens: int) -> str:
-    """What a person should know of a reply's form, where it turns out not to be usable."""
+    """A note on a reply's form that a person should read, where it turns out not to be
+    usable."""
     has_answer = any(
         isinstance(part, ToolCallPart) or (isinstance(part, TextPart) and part.content.strip())
         for part in response.parts
