@@ -30,11 +30,11 @@ from pliant.experiment.bench.answers import Answer, answer, succeeded
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
+    BenchCase,
     Cases,
     Key,
     Kind,
     Origin,
-    Question,
     thinned,
     write,
 )
@@ -458,7 +458,7 @@ _UNSAID = FailureAnalysis(what="", why="", how="", motion={})
 # --- the set -----------------------------------------------------------------------------------
 
 
-def questions() -> Iterator[Question]:
+def questions() -> Iterator[BenchCase]:
     cells = {peg: SimCell() for peg in PEGS}
     pool = list(watch(cells))
     print(f"{len(pool)} executions watched", flush=True)
@@ -475,7 +475,7 @@ def questions() -> Iterator[Question]:
             truth=found.truth,
             origin=found.origin,
         )
-        yield Question(name=f"{number:04d}", case=case, key=key)
+        yield BenchCase(name=f"{number:04d}", case=case, key=key)
 
 
 def main(path: Path) -> None:

@@ -35,11 +35,11 @@ from pliant.experiment.bench.answers import Answer, succeeded
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
+    BenchCase,
     Cases,
     Key,
     Kind,
     Origin,
-    Question,
     thinned,
     write,
 )
@@ -177,7 +177,7 @@ class Wavering:
         return len(case.history) < WAVERS_UNTIL
 
 
-def watch(job: Job) -> list[Question]:
+def watch(job: Job) -> list[BenchCase]:
     """The cases of one trial, with their keys."""
     level, task = load_level(job.level), load_task(job.peg, job.level)
     spec = Spec(
@@ -199,7 +199,7 @@ def watch(job: Job) -> list[Question]:
     judge: Reasoner = mind
     run = composed(spec, cell.prepare(task, setup), setup, shipped().for_task(task), judge)
     kind = Kind.STRANGE if is_strange else Kind.SOUND
-    found: list[Question] = []
+    found: list[BenchCase] = []
     with closing(iter(run)) as executions:
         for execution in executions:
             case, truth = mind.case, cell.truth()
@@ -221,7 +221,7 @@ def watch(job: Job) -> list[Question]:
                     ),
                 )
                 kept = _compact(case) if is_guided else thinned(case)
-                found.append(Question(name="", case=kept, key=key))
+                found.append(BenchCase(name="", case=kept, key=key))
             if len(run.history) >= (MOST_EXECUTIONS if is_guided else MOST_PLANAR):
                 break
     went_in = [q.key.truth.inserted is True for q in found]
@@ -314,7 +314,7 @@ def _sort(key: Key) -> str:
     return "success" if key.answer.success else "stop" if key.answer.stop else "go on"
 
 
-def choose(pool: Sequence[Question], old: Sequence[Question]) -> list[Question]:
+def choose(pool: Sequence[BenchCase], old: Sequence[BenchCase]) -> list[BenchCase]:
     """Failures in pairs, one where it is right to stop and one where it is right to go on, alike in
     level, formation and history as far as the pool has such; and a success a trial. With the
     paper's skills going on is right in `old` ones."""
@@ -349,14 +349,14 @@ def _could_tell(case: Case) -> bool:
     return any(not e.verdict.success or e.outcome.scene.peg is None for e in case.history)
 
 
-def _paired(stops: list[Question], goes_on: list[Question]) -> list[Question]:
+def _paired(stops: list[BenchCase], goes_on: list[BenchCase]) -> list[BenchCase]:
     """Pairs from the most alike on: each case once, and few of the same trial."""
     ranked = sorted(
         ((_unlike(a, b), i, j) for i, a in enumerate(stops) for j, b in enumerate(goes_on)),
     )
     used: set[tuple[int, int]] = set()
     of_trial: Counter[Origin] = Counter()
-    chosen: list[Question] = []
+    chosen: list[BenchCase] = []
     for unlike, i, j in ranked:
         pair = (stops[i], goes_on[j])
         places = [replace(q.key.origin, index=0) for q in pair]
@@ -374,7 +374,7 @@ MOST_UNLIKE = 4.0
 PLANAR_STOPS = 72
 
 
-def _unlike(a: Question, b: Question) -> float:
+def _unlike(a: BenchCase, b: BenchCase) -> float:
     same_level = a.key.origin.level == b.key.origin.level
     same_hole = a.case.task.hole == b.case.task.hole and a.case.task.depth == b.case.task.depth
     apart = abs(len(a.case.history) - len(b.case.history))
@@ -392,7 +392,7 @@ def _failures(case: Case) -> int:
     return sum(not e.verdict.success for e in case.history)
 
 
-def _place(question: Question) -> str:
+def _place(question: BenchCase) -> str:
     """Where in the set a case stands: a hash tells nothing."""
     text = f"{SEED} {question.key.kind} {question.key.origin}"
     return hashlib.sha256(text.encode()).hexdigest()

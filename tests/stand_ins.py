@@ -33,10 +33,10 @@ from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.measure import measure
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
-from pliant.wrist import Answer
+from pliant.wrist import SensorAnswer
 
 PEGS = ("circle", "square", "rectangle")
-ANSWERS = Answer(slope=1.0, sd=0.0)
+ANSWERS = SensorAnswer(slope=1.0, sd=0.0)
 UNSEEN = Scene(peg=None, hole=None, problems=("no peg: scripted", "no hole: scripted"))
 
 
@@ -216,7 +216,7 @@ class ScriptedRobot:
 
     fault: tuple[str, int] | None = None
     blocked_below: float = -math.inf
-    answer: Answer | None = ANSWERS
+    answer: SensorAnswer | None = ANSWERS
     readings: Sequence[float] = ()
     sd_m: float = 0.0
     pose: Pose = Pose(z=0.244)

@@ -20,11 +20,11 @@ from pliant.experiment.bench.answers import Answer, answer, succeeded
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
+    BenchCase,
     Cases,
     Key,
     Kind,
     Origin,
-    Question,
     thinned,
     write,
 )
@@ -175,7 +175,7 @@ def test_who_knows_the_truth_scores_perfectly_and_its_inverse_the_opposite() -> 
 
 def question(
     reached: tuple[float, float] = (-0.070, -0.045), answer: Answer | None = None
-) -> Question:
+) -> BenchCase:
     """A Fit that failed; its goal is -35.2 mm, the right one -50.2 mm, down to -70 would do."""
     outcome = outcome_of(Formation.FIT, scene=scene_of(tip_y=0.02))
     case = case_after(outcome)
@@ -191,7 +191,7 @@ def question(
         truth=truth,
         origin=Origin(peg="circle", condition="all", seed=1, reasoner="rules", index=2),
     )
-    return Question(name="0001", case=case, key=key)
+    return BenchCase(name="0001", case=case, key=key)
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ def test_stop_cases_are_failures_that_a_reasoner_could_see_coming() -> None:
         )
 
 
-WITHOUT_EVIDENCE: dict[str, Callable[[Question], Any]] = {
+WITHOUT_EVIDENCE: dict[str, Callable[[BenchCase], Any]] = {
     "method": lambda q: q.case.method.name,
     "peg": lambda q: q.case.task.peg.name,
     "hole": lambda q: q.case.task.hole,
@@ -275,7 +275,7 @@ WITHOUT_EVIDENCE: dict[str, Callable[[Question], Any]] = {
     "failures before": lambda q: sum(not e.verdict.success for e in q.case.history),
     "looks": lambda q: len(q.case.outcome.looks),
     "cameras": lambda q: set(q.case.outcome.looks[-1].observation.views),
-    "place in the set": lambda q: int(q.name) // 100,
+    "place in the set": lambda q: int(q.name) // 200,
 }
 
 
@@ -288,7 +288,7 @@ def test_nothing_but_the_evidence_tells_whether_it_is_right_to_stop(told_by: str
     assert guided_by(guided, told_by) <= 0.62
 
 
-def guided_by(failures: list[Question], name: str) -> float:
+def guided_by(failures: list[BenchCase], name: str) -> float:
     sides = {
         stop: Counter(str(WITHOUT_EVIDENCE[name](q)) for q in failures if q.key.answer.stop is stop)
         for stop in (True, False)

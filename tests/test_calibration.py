@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from stand_ins import cell_for, picture, prepared, side_camera
 
 from pliant.calibration import camera, colours, file, tour, wrist
-from pliant.calibration.camera import CameraFound, Shot
+from pliant.calibration.camera import CalibrationShot, CameraFound
 from pliant.calibration.outline import Hang, Points, block_points, outside, peg_points, project
 from pliant.calibration.wrist import Press
 from pliant.cell import Camera
@@ -39,7 +39,7 @@ ABOVE_BOARD = np.array(
 
 
 @cache
-def toured() -> tuple[Shot, ...]:
+def toured() -> tuple[CalibrationShot, ...]:
     """The simulated cell's tour, with a peg at an angle and a hole to the side."""
     robot = Guarded(prepared("square", LEANING), Limits())
     taken = tour.travel(robot, load_task("square"))
@@ -51,7 +51,7 @@ def furthest_px(one: Camera, other: Camera) -> float:
     return float(np.max(np.linalg.norm(off, axis=1)))
 
 
-def drawn(true: Camera, hang: Hang, noise_px: float = 0.0) -> list[Shot]:
+def drawn(true: Camera, hang: Hang, noise_px: float = 0.0) -> list[CalibrationShot]:
     """Outlines as a perfect camera would see them, without pictures."""
     task, random = load_task("square"), np.random.default_rng(1)
 
@@ -65,7 +65,9 @@ def drawn(true: Camera, hang: Hang, noise_px: float = 0.0) -> list[Shot]:
 
     block = outline(project(true, block_points(0.004)))
     return [
-        Shot(pose=pose, peg=outline(project(true, peg_points(task, pose, hang))), block=block)
+        CalibrationShot(
+            pose=pose, peg=outline(project(true, peg_points(task, pose, hang))), block=block
+        )
         for pose in tour.stops(task)
     ]
 

@@ -14,7 +14,7 @@ import yaml
 from stand_ins import prepared
 
 from pliant.cell import Observation, Robot, Truth, Workcell
-from pliant.commissioning.preflight import Finding, State, check
+from pliant.commissioning.preflight import CheckState, Finding, check
 from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.errors import InputError, RobotFault
@@ -100,25 +100,25 @@ class _Cell:
 def found(where: Where) -> dict[str, Finding]:
     findings = check(where, TASK)
     assert len({f.check for f in findings}) == len(findings) == 12
-    assert all(f.advice for f in findings if f.state is State.FAIL)
+    assert all(f.advice for f in findings if f.state is CheckState.FAIL)
     return {f.check: f for f in findings}
 
 
 def test_the_simulated_cell_is_ready_and_says_what_it_does_not_have() -> None:
     findings = found(Where())
     assert all(finding.is_good for finding in findings.values())
-    passed = {name for name, f in findings.items() if f.state is State.PASS}
+    passed = {name for name, f in findings.items() if f.state is CheckState.PASS}
     assert passed == {"tare drift", "picture", "calibration", "goals"}
 
 
 def test_a_hole_off_its_place_and_a_crooked_grasp_are_no_failure_of_the_cell() -> None:
     setup = Setup(seed=0, hole_y=-0.02, grasp_roll=math.radians(5))
-    assert found(Like(setup=setup))["calibration"].state is State.PASS
+    assert found(Like(setup=setup))["calibration"].state is CheckState.PASS
 
 
 def test_a_camera_that_is_not_where_its_calibration_says_is_found() -> None:
     calibration = found(Like(camera_moved_m=0.008))["calibration"]
-    assert calibration.state is State.FAIL
+    assert calibration.state is CheckState.FAIL
     assert "surface +8.0" in calibration.found
     assert "pliant calibrate" in calibration.advice
 
@@ -126,10 +126,10 @@ def test_a_camera_that_is_not_where_its_calibration_says_is_found() -> None:
 def test_colours_that_do_not_find_the_peg_leave_the_calibration_unchecked() -> None:
     black = Colours(peg=(((0, 0, 0), (1, 1, 1)),))
     findings = found(Like(colours_seen=black))
-    assert findings["picture"].state is State.FAIL
+    assert findings["picture"].state is CheckState.FAIL
     assert "no peg" in findings["picture"].found
-    assert findings["calibration"].state is State.UNKNOWN
-    assert findings["goals"].state is State.PASS
+    assert findings["calibration"].state is CheckState.UNKNOWN
+    assert findings["goals"].state is CheckState.PASS
 
 
 def test_goals_outside_the_workspace_are_found(tmp_path: Path) -> None:
@@ -139,13 +139,13 @@ def test_goals_outside_the_workspace_are_found(tmp_path: Path) -> None:
     document["formations"]["fit"]["goal"]["y_mm"] = -150
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     goals = found(Like(goals_file=path))["goals"]
-    assert goals.state is State.FAIL
+    assert goals.state is CheckState.FAIL
     assert "fit y -150.0 mm is outside the workspace" in goals.found
 
 
 def test_goals_that_the_controllers_own_limits_exclude_are_found_one_by_one() -> None:
     limits = found(Like(lowest_m=0.18))["safety limits"]
-    assert limits.state is State.FAIL
+    assert limits.state is CheckState.FAIL
     excluded = limits.found.splitlines()
     assert [line.partition(":")[0] for line in excluded] == [
         "insertion",
@@ -153,7 +153,7 @@ def test_goals_that_the_controllers_own_limits_exclude_are_found_one_by_one() ->
     ]
     assert "z 167.6 mm" in excluded[0]
     assert "teach these goals" in limits.advice
-    assert found(Like(lowest_m=0.0))["safety limits"].state is State.PASS
+    assert found(Like(lowest_m=0.0))["safety limits"].state is CheckState.PASS
 
 
 @pytest.mark.parametrize(
@@ -171,9 +171,9 @@ def test_a_fault_fails_its_check_and_those_after_it_are_not_checked(
     kind: str, fails: str, before: int
 ) -> None:
     states = [f.state for f in found(Like(fault=kind)).values()]
-    assert found(Like(fault=kind))[fails].state is State.FAIL
-    expected = [State.PASS] * before + [State.FAIL] + [State.UNKNOWN] * (10 - before)
-    assert states == [*expected, State.PASS]  # the goals need no robot
+    assert found(Like(fault=kind))[fails].state is CheckState.FAIL
+    expected = [CheckState.PASS] * before + [CheckState.FAIL] + [CheckState.UNKNOWN] * (10 - before)
+    assert states == [*expected, CheckState.PASS]  # the goals need no robot
 
 
 def test_ctrl_c_is_not_a_finding() -> None:

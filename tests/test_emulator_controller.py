@@ -13,7 +13,7 @@ from pliant.conditions import Setup
 from pliant.emulator import faults, frames
 from pliant.emulator.controller import Controller, Mode, Runtime, Safety, SafetyLimits
 from pliant.emulator.frames import Array
-from pliant.emulator.pace import Pace, Pacing
+from pliant.emulator.pace import EmulatorPace, Pacing
 from pliant.emulator.plant import Plant, nominal_payload
 from pliant.errors import InputError
 from pliant.sim.cell import SimCell
@@ -269,7 +269,7 @@ def test_the_clock_stands_still_without_credit_and_commands_are_answered() -> No
     controller = Controller(PLANT, SafetyLimits())
     controller.play(())
     published: list[float] = []
-    pace = Pace(controller, lambda always: published.append(controller.time_s))
+    pace = EmulatorPace(controller, lambda always: published.append(controller.time_s))
     pace.set(Pacing.LOCKSTEP, 1.0)
 
     async def scene() -> None:
@@ -293,7 +293,7 @@ def test_the_clock_stands_still_without_credit_and_commands_are_answered() -> No
 def test_time_slips_and_is_never_made_up_for() -> None:
     PLANT.prepare(TASK, Setup(seed=0))
     controller = Controller(PLANT, SafetyLimits())
-    pace = Pace(controller, lambda always: None)
+    pace = EmulatorPace(controller, lambda always: None)
 
     async def scene() -> int:
         running = asyncio.create_task(pace.run())
@@ -311,7 +311,7 @@ def test_time_slips_and_is_never_made_up_for() -> None:
 def test_time_stands_still_for_a_while_when_a_client_is_late() -> None:
     PLANT.prepare(TASK, Setup(seed=0))
     controller = Controller(PLANT, SafetyLimits())
-    pace = Pace(controller, lambda always: None, client_patience_s=0.5)
+    pace = EmulatorPace(controller, lambda always: None, client_patience_s=0.5)
     controller.watch(50.0)  # 10 ticks
 
     async def scene() -> None:

@@ -12,7 +12,7 @@ from pliant.conditions import Setup
 from pliant.emulator import frames
 from pliant.emulator.block import Block, CameraFault
 from pliant.emulator.controller import Controller, SafetyLimits
-from pliant.emulator.gripper import Gripper
+from pliant.emulator.gripper import EmulatedGripper
 from pliant.emulator.outputs import FORMATS, VARIABLES
 from pliant.emulator.plant import Plant
 from pliant.emulator.ports import Dashboard, Scripts, path_in
@@ -175,7 +175,7 @@ def test_poses_and_transforms_are_each_others_inverse(
 
 
 def test_the_gripper_speaks_as_its_urcap_does() -> None:
-    gripper = Gripper()
+    gripper = EmulatedGripper()
     assert gripper.answer("GET STA") == "STA 3\n"
     assert gripper.answer("GET OBJ") == "OBJ 2\n"  # it holds the peg
     assert gripper.answer("SET POS 0 SPE 255 FOR 10 GTO 1") == "ack"  # without a newline
@@ -191,7 +191,7 @@ def test_the_gripper_speaks_as_its_urcap_does() -> None:
 
 
 def test_a_gripper_that_loses_the_peg_closes_on_nothing() -> None:
-    gripper = Gripper()
+    gripper = EmulatedGripper()
     gripper.lose()
     gripper.step(0.002)
     assert gripper.answer("GET OBJ") == "OBJ 0\n"

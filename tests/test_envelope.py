@@ -11,7 +11,7 @@ from pliant.cell import Robot
 from pliant.envelope import Descent, Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
-from pliant.wrist import Answer
+from pliant.wrist import SensorAnswer
 
 LIMITS = Limits()
 ANYWHERE = st.builds(Pose, **{axis.value: st.floats(-1.0, 1.0) for axis in Axis})
@@ -155,7 +155,7 @@ LOW = replace(LIMITS, low=replace(LIMITS.low, z=0.05))
 
 
 def test_a_peg_may_go_into_its_hole_but_not_through_the_board() -> None:
-    robot = ScriptedRobot(answer=Answer(slope=1.0, sd=0.0))
+    robot = ScriptedRobot(answer=SensorAnswer(slope=1.0, sd=0.0))
     guarded = Guarded(robot, LOW)
     guarded.descent = Descent(surface_z=0.0, hang_m=HANG_M, depth_m=0.010)
     guarded.move_to(Pose(z=0.190), speed_m_s=0.02, stop_at_compression_m=0.02)
@@ -166,10 +166,15 @@ def test_a_peg_may_go_into_its_hole_but_not_through_the_board() -> None:
 
 @pytest.mark.parametrize(
     "answer",
-    [None, Answer(slope=0.0, sd=0.2), Answer(slope=0.7, sd=0.0), Answer(slope=1.5, sd=0.1)],
+    [
+        None,
+        SensorAnswer(slope=0.0, sd=0.2),
+        SensorAnswer(slope=0.7, sd=0.0),
+        SensorAnswer(slope=1.5, sd=0.1),
+    ],
 )
 def test_until_the_wrists_sensor_has_answered_nothing_presses_further_than_a_touch_may(
-    answer: Answer | None,
+    answer: SensorAnswer | None,
 ) -> None:
     robot = ScriptedRobot(answer=answer)
     guarded = Guarded(robot, LOW)
@@ -177,7 +182,7 @@ def test_until_the_wrists_sensor_has_answered_nothing_presses_further_than_a_tou
     for _ in range(2):
         guarded.move_to(Pose(z=0.100), speed_m_s=0.02, stop_at_compression_m=0.02)
         assert robot.poses[-1].z == pytest.approx(HANG_M - 0.014)
-    robot.answer = Answer(slope=0.95, sd=0.05)
+    robot.answer = SensorAnswer(slope=0.95, sd=0.05)
     guarded.move_to(Pose(z=0.178), speed_m_s=0.02, stop_at_compression_m=0.02)
     guarded.move_to(Pose(z=0.100), speed_m_s=0.02, stop_at_compression_m=0.02)
     assert robot.poses[-1].z < HANG_M - 0.03
@@ -187,7 +192,7 @@ def test_until_the_wrists_sensor_has_answered_nothing_presses_further_than_a_tou
 def test_a_sensor_that_answers_wrongly_ends_the_trial_one_that_slid_once_does_not(
     slope: float, presses: int
 ) -> None:
-    robot = ScriptedRobot(answer=Answer(slope=slope, sd=0.0))
+    robot = ScriptedRobot(answer=SensorAnswer(slope=slope, sd=0.0))
     guarded = Guarded(robot, LIMITS)
     for _ in range(presses - 1):
         guarded.move_to(Pose(z=0.19), speed_m_s=0.02, stop_at_compression_m=0.02)
@@ -200,7 +205,7 @@ def test_what_slides_after_the_sensor_has_answered_is_no_news() -> None:
     robot = ScriptedRobot()
     guarded = Guarded(robot, LIMITS)
     for slope in (0.5, 1.05, *[0.2] * 9):
-        robot.answer = Answer(slope=slope, sd=0.0)
+        robot.answer = SensorAnswer(slope=slope, sd=0.0)
         guarded.move_to(Pose(z=0.19), speed_m_s=0.02, stop_at_compression_m=0.02)
     assert guarded.has_answered
 

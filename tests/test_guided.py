@@ -21,7 +21,7 @@ from pliant.formations import Formation
 from pliant.levels import load_level
 from pliant.methods.guided import Guided
 from pliant.methods.guided.belief import believed
-from pliant.methods.guided.hand import Frame, Hand, Manner
+from pliant.methods.guided.hand import Hand, HandFrame, Manner
 from pliant.methods.named import method
 from pliant.pose import Pose
 from pliant.reasoners.rules import Rules
@@ -98,7 +98,7 @@ def test_the_checks_take_the_hole_where_it_is_believed_to_be() -> None:
 def test_the_holes_frame_and_the_task_frame_are_each_others_inverse(
     x: float, y: float, z: float, yaw: float, a: float, b: float, c: float
 ) -> None:
-    frame = Frame(x=x, y=y, z=z, yaw=yaw)
+    frame = HandFrame(x=x, y=y, z=z, yaw=yaw)
     pose = Pose(x=a, y=b, z=c, roll=0.1, yaw=0.05)
     back = frame.outside(frame.inside(pose))
     assert np.allclose(back.position(), pose.position(), atol=1e-12)

@@ -23,7 +23,7 @@ from pliant.envelope import Limits
 from pliant.formations import MOST_TURN, Formation, Step
 from pliant.levels import load_level
 from pliant.methods.guided import Guided
-from pliant.methods.guided.hand import Frame
+from pliant.methods.guided.hand import HandFrame
 from pliant.methods.guided.skills import SHIFTED, SHIFTS
 from pliant.pose import Axis, Partial
 from pliant.reasoners.rules import Rules
@@ -221,7 +221,7 @@ def aimed(execution: Execution) -> dict[Axis, float]:
     assert belief.upright_pitch is not None
     upright = belief.upright_pitch.value
     yaw = belief.board_yaw.value if belief.board_yaw is not None else 0.0
-    inside = Frame(x=belief.hole_x.value, y=belief.hole_y.value, z=0.0, yaw=yaw).inside(hand)
+    inside = HandFrame(x=belief.hole_x.value, y=belief.hole_y.value, z=0.0, yaw=yaw).inside(hand)
     over = load_task("circle", "L1").grasp_below_hinge * math.sin(hang_share(shipped()) * upright)
     return {Axis.X: inside.x - over, Axis.PITCH: inside.pitch - upright, Axis.YAW: inside.yaw}
 

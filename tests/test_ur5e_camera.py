@@ -14,15 +14,17 @@ import pytest
 
 from pliant.errors import InputError, RobotFault
 from pliant.ur5e.camera import TIME_HEADER, Picture, open_camera
-from pliant.ur5e.configuration import Camera
+from pliant.ur5e.configuration import CameraSettings
 
 WIDTH, HEIGHT = 160, 120
 PATIENCE_S = 1.0
 
 
-def settings(**fields: Any) -> Camera:
+def settings(**fields: Any) -> CameraSettings:
     place = {"focal_px": 500, "position_mm": (1200, 0, 0), "rotation_deg": (-90, 0, 90)}
-    return Camera(**{"width": WIDTH, "height": HEIGHT, "latency_ms": 0.0, **place, **fields})
+    return CameraSettings(
+        **{"width": WIDTH, "height": HEIGHT, "latency_ms": 0.0, **place, **fields}
+    )
 
 
 def painted(red: int, width: int = WIDTH) -> Picture:

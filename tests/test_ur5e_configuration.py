@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from pliant.errors import InputError
 from pliant.pose import Axis, pose_from, rotation_matrix
-from pliant.ur5e.configuration import Configuration, Source, load, save, transform, ur_pose
+from pliant.ur5e.configuration import CameraSource, Configuration, load, save, transform, ur_pose
 
 EXAMPLE = Path(str(files("pliant") / "ur5e" / "example.yaml"))
 
@@ -107,7 +107,7 @@ def test_a_file_that_is_no_cell_is_one_line(tmp_path: Path, text: str) -> None:
 
 def test_paths_count_from_the_files_folder(tmp_path: Path) -> None:
     path = changed(tmp_path, "camera", source="file", where="recorded.db3")
-    assert load(path).camera.source is Source.FILE
+    assert load(path).camera.source is CameraSource.FILE
     assert load(path).camera.where == str(tmp_path / "recorded.db3")
 
 

@@ -17,7 +17,7 @@ from test_signals import assert_all_end
 from ur5e_emulated import cell_at, when_moving, with_patience_of_a_real_cell
 
 from pliant.cell import Truth
-from pliant.commissioning.preflight import State, check
+from pliant.commissioning.preflight import CheckState, check
 from pliant.conditions import Setup, condition
 from pliant.emulator.client import Admin, started
 from pliant.errors import RobotFault
@@ -342,9 +342,9 @@ def test_what_the_controllers_limits_exclude_is_found_before_a_trial(
     )
     save(file, cell_at(BOXED_HOST).model_copy(update={"goals": goals}))
     findings = {f.check: f for f in check(Where(file=file), load_task("circle"))}
-    assert findings["goals"].state is State.PASS  # in the cell's workspace
+    assert findings["goals"].state is CheckState.PASS  # in the cell's workspace
     limits = findings["safety limits"]
-    assert limits.state is State.FAIL
+    assert limits.state is CheckState.FAIL
     assert "approach: the controller's safety limits exclude" in limits.found.splitlines()[0]
     assert all("z 350.0 mm" in line for line in limits.found.splitlines())
     state = boxed.ask("state")

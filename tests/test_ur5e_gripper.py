@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from pliant.emulator.gripper import Gripper as Emulated
+from pliant.emulator.gripper import EmulatedGripper as Emulated
 from pliant.errors import RobotFault
 from pliant.ur5e import configuration as c
-from pliant.ur5e.gripper import Gripper
+from pliant.ur5e.gripper import GripperClient
 
 PATIENCE_S = 0.3
 
@@ -51,13 +51,15 @@ def server() -> Iterator[Server]:
 
 
 @pytest.fixture
-def gripper(server: Server) -> Iterator[Gripper]:
-    gripper = Gripper(c.Gripper(port=server.server_address[1]), "127.0.0.1", PATIENCE_S)
+def gripper(server: Server) -> Iterator[GripperClient]:
+    gripper = GripperClient(
+        c.GripperSettings(port=server.server_address[1]), "127.0.0.1", PATIENCE_S
+    )
     yield gripper
     gripper.disconnect()
 
 
-def polled(gripper: Gripper, seconds: float = 5.0) -> None:
+def polled(gripper: GripperClient, seconds: float = 5.0) -> None:
     """Poll as the driver does, until something happens."""
     give_up = time.monotonic() + seconds
     while time.monotonic() < give_up:
@@ -65,12 +67,12 @@ def polled(gripper: Gripper, seconds: float = 5.0) -> None:
         time.sleep(0.002)
 
 
-def test_a_peg_that_is_held_is_watched_without_waiting(gripper: Gripper) -> None:
+def test_a_peg_that_is_held_is_watched_without_waiting(gripper: GripperClient) -> None:
     gripper.watch(True)
     polled(gripper, 0.3)
 
 
-def test_a_lost_peg_is_a_fault(gripper: Gripper, server: Server) -> None:
+def test_a_lost_peg_is_a_fault(gripper: GripperClient, server: Server) -> None:
     gripper.watch(True)
     server.emulated.lose()
     with pytest.raises(RobotFault, match="lost the peg") as caught:
@@ -81,7 +83,7 @@ def test_a_lost_peg_is_a_fault(gripper: Gripper, server: Server) -> None:
 
 
 def test_no_peg_and_no_activation_are_found_before_a_trial(
-    gripper: Gripper, server: Server
+    gripper: GripperClient, server: Server
 ) -> None:
     server.emulated.lose()
     with pytest.raises(RobotFault, match="does not hold a peg"):
@@ -91,7 +93,7 @@ def test_no_peg_and_no_activation_are_found_before_a_trial(
         gripper.watch(True)
 
 
-def test_fingers_open_close_and_are_activated_once(gripper: Gripper, server: Server) -> None:
+def test_fingers_open_close_and_are_activated_once(gripper: GripperClient, server: Server) -> None:
     gripper.release()
     assert gripper.get("POS") == 0
     gripper.close_on_peg()
@@ -102,7 +104,7 @@ def test_fingers_open_close_and_are_activated_once(gripper: Gripper, server: Ser
     assert gripper.get("STA") == 3
 
 
-def test_an_unpowered_gripper_is_not_a_lost_peg(gripper: Gripper, server: Server) -> None:
+def test_an_unpowered_gripper_is_not_a_lost_peg(gripper: GripperClient, server: Server) -> None:
     gripper.watch(True)
     server.emulated.readable = False  # under an emergency stop, which the arm reports
     polled(gripper, 0.3)
@@ -113,7 +115,7 @@ def test_an_unpowered_gripper_is_not_a_lost_peg(gripper: Gripper, server: Server
     ("answer", "words"), [(None, "has not answered"), ("nonsense\n", "answered 'nonsense'")]
 )
 def test_a_gripper_that_is_silent_or_talks_nonsense_is_a_fault_in_time(
-    gripper: Gripper, server: Server, answer: str | None, words: str
+    gripper: GripperClient, server: Server, answer: str | None, words: str
 ) -> None:
     gripper.watch(True)
     server.answer = lambda line: answer
@@ -122,7 +124,7 @@ def test_a_gripper_that_is_silent_or_talks_nonsense_is_a_fault_in_time(
     assert caught.value.kind == "gripper"
 
 
-def test_a_refused_command_is_a_fault(gripper: Gripper, server: Server) -> None:
+def test_a_refused_command_is_a_fault(gripper: GripperClient, server: Server) -> None:
     server.answer = lambda line: "STA 3\n" if line == "GET STA" else "nack"
     with pytest.raises(RobotFault, match="refuses 'SET POS 0"):
         gripper.release()
@@ -130,5 +132,5 @@ def test_a_refused_command_is_a_fault(gripper: Gripper, server: Server) -> None:
 
 def test_nobody_there_is_a_fault() -> None:
     with pytest.raises(RobotFault, match="does not answer") as caught:
-        Gripper(c.Gripper(port=1), "127.0.0.1", PATIENCE_S)
+        GripperClient(c.GripperSettings(port=1), "127.0.0.1", PATIENCE_S)
     assert caught.value.kind == "gripper"

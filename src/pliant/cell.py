@@ -17,7 +17,7 @@ from pydantic import PlainSerializer, PlainValidator
 from pliant.conditions import Setup
 from pliant.pose import Pose
 from pliant.task import Task
-from pliant.wrist import Answer
+from pliant.wrist import SensorAnswer
 
 
 def _array_from(value: Any) -> NDArray[np.float64]:
@@ -83,7 +83,7 @@ class Motion:
     started_s: float
     ended_s: float
     trace: Trace = field(repr=False)
-    answer: Answer | None = None  # of the wrist's reading, where the motion pressed it
+    answer: SensorAnswer | None = None  # of the wrist's reading, where the motion pressed it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ from pliant.cell import Motion, Observation, Robot
 from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
-from pliant.wrist import LIMIT_M, Answer, is_felt, may_be_felt
+from pliant.wrist import LIMIT_M, SensorAnswer, is_felt, may_be_felt
 
 _BELOW_M = 0.010  # than the touch is due: 51 of 52 healthy trials need no more
 _UNPROVEN_M = 0.014  # of pressing on the board, whatever is read, before the sensor has answered
@@ -133,7 +133,7 @@ class Guarded:
         self._hear(motion.answer)
         return motion
 
-    def _hear(self, answer: Answer | None) -> None:
+    def _hear(self, answer: SensorAnswer | None) -> None:
         """Judge how the sensor answered to a press. One that is felt too little may be of a peg
         that slid into the hole; several are not. Once the sensor has answered, a slide is no
         news."""

@@ -65,7 +65,7 @@ class Reading:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class SensorAnswer:
     """The answer of a wrist's reading to being pressed: for each metre that the hand came closer it
     read `slope` more, which is known to a standard deviation of `sd`."""
 
@@ -211,7 +211,7 @@ class Watch:
         """Note that the motion has ended."""
         self._toward_m = None
 
-    def answer(self) -> Answer | None:
+    def answer(self) -> SensorAnswer | None:
         """The answer of the reading in the last motion; None: it was pressed too little to say. Of
         all its ends that tell, the one where most was felt: a peg that slides, or goes into a hole,
         is felt less."""
@@ -228,7 +228,9 @@ class Watch:
             return None
         slope = np.where(tells, common / np.where(tells, spread, 1.0), -np.inf)
         k = int(np.argmax(slope))
-        return Answer(slope=float(slope[k]), sd=float(self.last.noise_m / math.sqrt(spread[k])))
+        return SensorAnswer(
+            slope=float(slope[k]), sd=float(self.last.noise_m / math.sqrt(spread[k]))
+        )
 
     def ends(self, compression_m: float, margin_m: float, earlier_m: float = 0.0) -> bool:
         """Whether this reading ends the motion: past the motion's limit, or stretched past the

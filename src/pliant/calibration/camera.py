@@ -37,7 +37,7 @@ _UNKNOWNS = 14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shot:
+class CalibrationShot:
     """A picture's outlines [px] for the calibration, and the pose of the arm when it was taken."""
 
     pose: Pose
@@ -84,7 +84,7 @@ class CameraFound:
 
 
 def calibrate(
-    shots: Sequence[Shot], task: Task, size: tuple[int, int], *, leave_out: bool = True
+    shots: Sequence[CalibrationShot], task: Task, size: tuple[int, int], *, leave_out: bool = True
 ) -> CameraFound:
     """Find the camera whose pictures have `size` (width, height).
 
@@ -120,7 +120,7 @@ def calibrate(
 
 
 def _leave_one_out(
-    fit: "_Fit", shots: Sequence[Shot], found: Vector
+    fit: "_Fit", shots: Sequence[CalibrationShot], found: Vector
 ) -> tuple[tuple[float, ...], tuple[float, float]]:
     """Each picture's rms [px] in a fit without it; the deviation of the hole's y and z [m], by the
     jackknife and by what it does not see: one lean of the tool and one edge of the block served all
@@ -149,7 +149,9 @@ class _Fit:
         self.task, self._size, self._start = task, size, start
         self._block = _thinned(_without_foot(block))
 
-    def solve(self, shots: Sequence[Shot], at: Vector, robust: tuple[float, ...]) -> Vector:
+    def solve(
+        self, shots: Sequence[CalibrationShot], at: Vector, robust: tuple[float, ...]
+    ) -> Vector:
         pegs = [_thinned(shot.peg) for shot in shots]
         counts = [len(points) for points in (*pegs, self._block)]
         edges = [_EDGES] * len(pegs) + [_EDGES - 1]
@@ -183,7 +185,7 @@ class _Fit:
         hang = Hang(reach=reach, sag=sag, droop=max(droop, 0.0), grasp_roll=roll, grasp_pitch=pitch)
         return camera, hang, block_y
 
-    def rms(self, x: Vector, shot: Shot) -> float:
+    def rms(self, x: Vector, shot: CalibrationShot) -> float:
         """Rms distance [px] of the larger part of a picture's outline of the peg from the one
         expected: fingers may hide the rest."""
         camera, hang, _ = self.read(x)
@@ -225,7 +227,7 @@ def _thinned(points: Points) -> Points:
 # --- the start ------------------------------------------------------------------------------------
 
 
-def _start(shots: Sequence[Shot], task: Task, size: tuple[int, int]) -> Camera:
+def _start(shots: Sequence[CalibrationShot], task: Task, size: tuple[int, int]) -> Camera:
     """A first camera, from the middles of the pegs alone, which are taken to hang as usual; several
     focal lengths are tried."""
     usual = Hang(sag=0.009, droop=0.9)

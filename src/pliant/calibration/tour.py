@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from pliant.calibration.camera import Shot
+from pliant.calibration.camera import CalibrationShot
 from pliant.calibration.outline import Points
 from pliant.cell import View
 from pliant.envelope import Guarded
@@ -48,7 +48,7 @@ class Taken:
 
     pose: Pose
     view: View = field(repr=False)
-    shot: Shot | None
+    shot: CalibrationShot | None
     problem: str = ""
 
 
@@ -120,7 +120,9 @@ def _look(robot: Guarded, colours: Colours) -> Taken:
         return Taken(pose=seen.pose, view=view, shot=None, problem=problem)
     if block is not None and _is_cut_off(block, size):
         block = None
-    return Taken(pose=seen.pose, view=view, shot=Shot(pose=seen.pose, peg=peg, block=block))
+    return Taken(
+        pose=seen.pose, view=view, shot=CalibrationShot(pose=seen.pose, peg=peg, block=block)
+    )
 
 
 def _is_cut_off(contour: Points, size: Sequence[int]) -> bool:

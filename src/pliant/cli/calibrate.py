@@ -286,7 +286,7 @@ def _difference(camera: Camera, other: Camera) -> str:
 
 def _with_outline(
     image: Image,
-    shot: camera_calibration.Shot,
+    shot: camera_calibration.CalibrationShot,
     found: camera_calibration.CameraFound,
     task: Task,
 ) -> Image:

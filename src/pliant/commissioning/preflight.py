@@ -37,7 +37,7 @@ _LIGHTER_KG = 0.3  # than the tool is, for the wrist's sign
 WEIGHT_FELT = (0.5, 1.5)  # of what that is: rough, since only the sign is asked for
 
 
-class State(StrEnum):
+class CheckState(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     UNKNOWN = "not checked"
@@ -49,13 +49,13 @@ class Finding:
     """The result of one check: what was found, and what to do about it."""
 
     check: str
-    state: State
+    state: CheckState
     found: str
     advice: str = ""
 
     @property
     def is_good(self) -> bool:
-        return self.state in (State.PASS, State.NONE)
+        return self.state in (CheckState.PASS, CheckState.NONE)
 
 
 _OF_ARM = ("connection", "safety status", "mode", "gripper", "payload", "camera")  # in this order
@@ -156,13 +156,13 @@ def _arm(where: Where, robot: Robot) -> Iterator[Finding]:
     configuration = where.configuration
     if configuration is None:
         for name in _OF_ARM:
-            yield Finding(check=name, state=State.NONE, found="the cell is simulated")
+            yield Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
         return
     yield _passed("connection", configuration.arm.address)
     yield _passed("safety status", "normal")
     yield _passed("mode", "running, the control program too")
     if configuration.gripper is None:
-        yield Finding(check="gripper", state=State.NONE, found="the cell has none")
+        yield Finding(check="gripper", state=CheckState.NONE, found="the cell has none")
     else:
         yield _passed("gripper", "active, it holds the peg")
     force = _mean_compression(robot) * configuration.wrist.stiffness_n_mm * 1e3
@@ -202,7 +202,7 @@ def _sign(where: Where, robot: Robot) -> Finding:
     stretching."""
     name, configuration = "wrist sign", where.configuration
     if configuration is None or not isinstance(robot, _Weighing):
-        return Finding(check=name, state=State.NONE, found="the cell is simulated")
+        return Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
     lighter_kg = min(_LIGHTER_KG, configuration.payload.mass_kg / 2)
     stretched = lighter_kg * _GRAVITY / (configuration.wrist.stiffness_n_mm * 1e3)
     felt = -robot.weigh(lighter_kg)
@@ -247,7 +247,7 @@ def _permitted(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
     line for each at which it would not."""
     name = "safety limits"
     if not isinstance(robot, _Limited):
-        yield Finding(check=name, state=State.NONE, found="the cell is simulated")
+        yield Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
         return
     try:
         commanded = _commanded(where, task)
@@ -334,13 +334,13 @@ def _mean_compression(robot: Robot) -> float:
 
 
 def _passed(name: str, found: str) -> Finding:
-    return Finding(check=name, state=State.PASS, found=found)
+    return Finding(check=name, state=CheckState.PASS, found=found)
 
 
 def _judged(name: str, good: bool, found: str) -> Finding:
-    state = State.PASS if good else State.FAIL
+    state = CheckState.PASS if good else CheckState.FAIL
     return Finding(check=name, state=state, found=found, advice="" if good else _ADVICE[name])
 
 
 def _unknown(name: str, found: str) -> Finding:
-    return Finding(check=name, state=State.UNKNOWN, found=found)
+    return Finding(check=name, state=CheckState.UNKNOWN, found=found)

@@ -32,7 +32,7 @@ _IDLE_S = 0.5
 
 
 @runtime_checkable
-class Hand(Protocol):
+class KeyboardHand(Protocol):
     """A robot that can be led by hand, as an arm in freedrive. The simulated one cannot."""
 
     def freedrive(self, on: bool) -> None:
@@ -116,7 +116,7 @@ class Teacher:
             return False
         before = self.session.log
         self.session, command = s.decide(
-            self.session, intent, self._limits, can_guide=isinstance(self._hand, Hand)
+            self.session, intent, self._limits, can_guide=isinstance(self._hand, KeyboardHand)
         )
         if command is not None:
             self._carry_out(command)
@@ -156,7 +156,7 @@ class Teacher:
                     self.look()
                 self.session = s.tared(self.session, self.observation, loaded=loaded)
             case s.Guide(on=on):
-                assert isinstance(self._hand, Hand)
+                assert isinstance(self._hand, KeyboardHand)
                 self._hand.freedrive(on)
                 self.look()
                 self.session = s.guided(self.session, on, self.observation.pose)

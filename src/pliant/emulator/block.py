@@ -42,7 +42,7 @@ class CameraFault(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class State:
+class BlockState:
     """The plant's state, as far as a picture needs it."""
 
     time_s: float  # the controller's
@@ -90,7 +90,7 @@ class Block:
         self._record["fault"] = list(CameraFault).index(fault)
         self._end()
 
-    def read(self) -> State:
+    def read(self) -> BlockState:
         """The latest state, all of one tick.
 
         Raises:
@@ -100,7 +100,7 @@ class Block:
             before = int(self._record["sequence"][0])
             record = self._record[0].copy()
             if before % 2 == 0 and before == int(self._record["sequence"][0]):
-                return State(
+                return BlockState(
                     time_s=float(record["time_s"]),
                     qpos=record["qpos"][: int(record["joints"])].copy(),
                     peg=record["peg"].decode(),

@@ -24,7 +24,7 @@ from pydantic import TypeAdapter
 
 from pliant import signals
 from pliant.cell import Camera
-from pliant.emulator.block import Block, CameraFault, State
+from pliant.emulator.block import Block, BlockState, CameraFault
 from pliant.errors import InputError
 from pliant.sim import model as m
 from pliant.sim.render import CAMERAS, Cameras
@@ -40,7 +40,7 @@ _UNAVAILABLE, _NOT_FOUND, _FORBIDDEN = 503, 404, 403
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame:
+class CameraFrame:
     """An encoded picture and the controller's time [s] of what it shows."""
 
     time_s: float
@@ -54,7 +54,7 @@ class Artist:
         self._peg = ""
         self._cameras: Cameras | None = None
 
-    def draw(self, state: State, camera: str, kind: str) -> Frame:
+    def draw(self, state: BlockState, camera: str, kind: str) -> CameraFrame:
         """Draw one frame of `camera`, as jpg or png."""
         cameras = self._for(state.peg)
         apply(self._model, state.setup)
@@ -64,9 +64,9 @@ class Artist:
         image = cv2.cvtColor(cameras.image(camera, self._data), cv2.COLOR_RGB2BGR)
         options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if kind == "jpg" else []
         _, data = cv2.imencode(f".{kind}", image, options)
-        return Frame(time_s=state.time_s, data=data.tobytes())
+        return CameraFrame(time_s=state.time_s, data=data.tobytes())
 
-    def calibrations(self, state: State) -> list[Camera]:
+    def calibrations(self, state: BlockState) -> list[Camera]:
         """Every camera's calibration."""
         cameras = self._for(state.peg)
         return [cameras.view(name, self._data, 0.0).camera for name in CAMERAS]
@@ -91,10 +91,10 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, address: tuple[str, int], block: Block) -> None:
         self.block, self.artist = block, Artist()
         self.drawing = ThreadPoolExecutor(1)
-        self.kept: dict[tuple[str, str], Frame] = {}
+        self.kept: dict[tuple[str, str], CameraFrame] = {}
         super().__init__(address, _Handler)
 
-    def frame(self, camera: str, kind: str) -> Frame:
+    def frame(self, camera: str, kind: str) -> CameraFrame:
         """The latest frame; a frozen camera's is its last one before it froze."""
         state = self.block.read()
         key = (camera, kind)

@@ -9,11 +9,11 @@ import numpy as np
 
 from pliant.console import complain
 from pliant.emulator.frames import Array, inverse
-from pliant.emulator.gripper import Gripper
-from pliant.emulator.motion import Hold, Motion, Waypoint
+from pliant.emulator.gripper import EmulatedGripper
+from pliant.emulator.motion import EmulatedMotion, Hold, Waypoint
 from pliant.emulator.plant import TICK, Plant
 from pliant.emulator.program import Program
-from pliant.emulator.sensor import ForceSensor, Payload
+from pliant.emulator.sensor import ForceSensor, SensorPayload
 from pliant.errors import RobotFault
 
 FREQUENCY = round(1 / TICK)  # [Hz]
@@ -79,7 +79,7 @@ class Controller:
         self.plant, self.limits = plant, limits
         self.registers = Registers()
         self.sensor = ForceSensor(noise=noise)
-        self.gripper = Gripper()
+        self.gripper = EmulatedGripper()
         self.tool = np.eye(4)  # the tool centre point on the flange
         self.speed_slider = 1.0
         self.digital_outputs = 0
@@ -96,7 +96,7 @@ class Controller:
         self._fed_tick = 0
         self.q = plant.home  # commanded
         self.qd = np.zeros(6)
-        self.motion: Motion = Hold(self.q)
+        self.motion: EmulatedMotion = Hold(self.q)
         self._read()
 
     # --- time ------------------------------------------------------------------------------------
@@ -272,7 +272,7 @@ class Controller:
     def set_payload(
         self, mass: float, centre: tuple[float, float, float], inertia: tuple[float, ...]
     ) -> None:
-        self.sensor.payload = Payload(mass=mass, centre=centre, inertia=inertia)
+        self.sensor.payload = SensorPayload(mass=mass, centre=centre, inertia=inertia)
 
     def tool_pose(self) -> Array:  # (4, 4)
         """The tool's centre point, measured."""

@@ -22,7 +22,7 @@ from pliant.emulator.camera import CameraProcess
 from pliant.emulator.controller import FREQUENCY, Controller, SafetyLimits, note
 from pliant.emulator.gripper import REFUSED
 from pliant.emulator.motion import ToolLine, Travel
-from pliant.emulator.pace import MOST_SPEED, Pace, Pacing
+from pliant.emulator.pace import MOST_SPEED, EmulatorPace, Pacing
 from pliant.emulator.plant import Plant, nominal_payload
 from pliant.emulator.ports import GREETING, NOT_UNDERSTOOD, Dashboard, Lines, Scripts
 from pliant.emulator.rtde import Rtde
@@ -148,7 +148,7 @@ class Emulator:
         self._schedule, self._pending = schedule, list(schedule)
         limits = SafetyLimits(force=options.force_limit, box=options.box)
         self.controller = Controller(self.plant, limits, options.force_noise)
-        self.pace = Pace(self.controller, self._publish, options.client_patience)
+        self.pace = EmulatorPace(self.controller, self._publish, options.client_patience)
         self.pace.set(options.mode, options.speed)
         self.rtde = Rtde(controller=self.controller, wake=self.pace.wake)
         self.controller.on_tick.append(self._after_tick)

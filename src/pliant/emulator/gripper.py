@@ -25,7 +25,7 @@ class Object(IntEnum):
     NONE = 3  # arrived where it was sent
 
 
-class Gripper:
+class EmulatedGripper:
     """An emulated gripper: activated and closed on the peg, to begin with."""
 
     def __init__(self) -> None:

@@ -31,7 +31,7 @@ class Waypoint:
     acceleration: float
 
 
-class Motion(Protocol):
+class EmulatedMotion(Protocol):
     done: bool
 
     def step(self, dt: float, scale: float) -> Array:  # (6,)

@@ -27,7 +27,7 @@ class Pacing(StrEnum):
     LOCKSTEP = "lockstep"
 
 
-class Pace:
+class EmulatorPace:
     """Runs a controller, and publishes after every tick."""
 
     def __init__(

@@ -12,7 +12,7 @@ import numpy as np
 from pliant.cell import Truth
 from pliant.conditions import Setup
 from pliant.emulator.frames import Array, cross, inverse, placed
-from pliant.emulator.sensor import GRAVITY, Payload
+from pliant.emulator.sensor import GRAVITY, SensorPayload
 from pliant.errors import RobotFault
 from pliant.sim import constants as c
 from pliant.sim import model as m
@@ -25,14 +25,14 @@ _FLANGE_SITE = "attachment_site"
 _TICKS_PER_FRAME = 20  # of the stored trajectory: 25 Hz
 
 
-def nominal_payload(task: Task) -> Payload:
+def nominal_payload(task: Task) -> SensorPayload:
     """The payload that a client sets: gripper and peg, straight, the wrist stretched by their
     weight."""
     mass = c.GRIPPER_MASS + c.PEG_MASS
     peg = task.tip_below_hinge - task.peg.length / 2
     below = (c.GRIPPER_MASS * c.GRIPPER_COM_BELOW_HINGE + c.PEG_MASS * peg) / mass
     stretch = mass * GRAVITY / task.wrist.stiffness_z
-    return Payload(mass=mass, centre=(0.0, 0.0, c.WRIST_BELOW_FLANGE + below + stretch))
+    return SensorPayload(mass=mass, centre=(0.0, 0.0, c.WRIST_BELOW_FLANGE + below + stretch))
 
 
 class Plant:

@@ -10,7 +10,7 @@ GRAVITY = 9.81  # [m/s2], as in the simulated cell
 
 
 @dataclass(frozen=True, kw_only=True)
-class Payload:
+class SensorPayload:
     """The payload that the controller believes hangs on the flange."""
 
     mass: float = 0.0  # [kg]
@@ -26,7 +26,7 @@ class ForceSensor:
     flange.
     """
 
-    payload: Payload = field(default_factory=Payload)
+    payload: SensorPayload = field(default_factory=SensorPayload)
     noise: float = 0.0  # [N], one standard deviation per axis
     seed: int = 0
 

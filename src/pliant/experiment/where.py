@@ -101,7 +101,7 @@ class Where:
             return {"kind": self.kind, "configuration": None}
         content = self.configuration.model_dump(mode="json", exclude={"goals"})
         camera = self.configuration.camera
-        if camera.source is ur5e.Source.FILE:
+        if camera.source is ur5e.CameraSource.FILE:
             content["camera"]["where"] = Path(camera.where).name  # its folder decides nothing
         text = json.dumps(content, sort_keys=True)
         return {"kind": self.kind, "configuration": hashlib.sha256(text.encode()).hexdigest()}

@@ -26,7 +26,7 @@ from pliant.experiment.columns import EXECUTIONS, TRIALS, schema
 from pliant.experiment.rows import Row
 from pliant.export import lerobot_card as card
 from pliant.export.film import Reel
-from pliant.export.lerobot_episode import Episode, Job, episode, features
+from pliant.export.lerobot_episode import Episode, EpisodeJob, episode, features
 from pliant.export.lerobot_stats import Stats, merged, of_values
 from pliant.export.output import CARD, filling
 from pliant.export.source import TEST, TRAIN, Source, counts, replayable
@@ -82,7 +82,7 @@ def write(
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}: it must be at least 1")
     chosen = replayable(source)
-    jobs = [Job(saved=saved, fps=fps, cameras=tuple(cameras)) for saved in chosen]
+    jobs = [EpisodeJob(saved=saved, fps=fps, cameras=tuple(cameras)) for saved in chosen]
     with filling(out) as folder:
         with ExitStack() as stack:
             writer = _Writer(folder, fps, tuple(cameras), stack)
@@ -94,7 +94,7 @@ def write(
     return counts(chosen)
 
 
-def _made(jobs: Sequence[Job], workers: int) -> Iterator[Episode]:
+def _made(jobs: Sequence[EpisodeJob], workers: int) -> Iterator[Episode]:
     """The episodes in order, made in this process or in several."""
     if workers == 1 or len(jobs) == 1:
         yield from map(episode, jobs)

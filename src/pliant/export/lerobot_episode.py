@@ -31,7 +31,7 @@ _SAMPLED = 20  # pictures of an episode that its statistics are taken from, each
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
+class EpisodeJob:
     """A job of making an episode: which trial becomes one, and how."""
 
     saved: Saved
@@ -90,7 +90,7 @@ def features(cameras: tuple[str, ...], fps: int) -> dict[str, dict[str, Any]]:
     }
 
 
-def episode(job: Job) -> Episode:
+def episode(job: EpisodeJob) -> Episode:
     """Sample, label, draw and encode a trial.
 
     Raises:

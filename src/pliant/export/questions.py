@@ -18,7 +18,7 @@ _WAYS = {Axis.Y: ("left", "right"), Axis.Z: ("down", "up")}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Question:
+class TextQuestion:
     """A question about an execution, with its answer. `category` is the answer's discrete part, for
     counting and for exact scoring; `truth` holds the values behind the answer."""
 
@@ -29,7 +29,7 @@ class Question:
     truth: dict[str, Any]
 
 
-def asked(trial: Trial) -> Iterator[tuple[Label, list[Question]]]:
+def asked(trial: Trial) -> Iterator[tuple[Label, list[TextQuestion]]]:
     """Each execution with a known truth, and the questions that can be asked about it. All but
     detect and locate are asked about failures only."""
     for label in labels(trial):
@@ -77,10 +77,10 @@ def _earlier(execution: Execution) -> dict[str, Any]:
     }
 
 
-def _detect(label: Label) -> Question:
+def _detect(label: Label) -> TextQuestion:
     name = _name(label)
     answer = "yes" if label.success else "no"
-    return Question(
+    return TextQuestion(
         type="detect",
         question=f"{name} has ended. Did it succeed? {_MEANING[label.execution.formation]}",
         answer=answer,
@@ -89,10 +89,10 @@ def _detect(label: Label) -> Question:
     )
 
 
-def _identify(label: Label) -> Question:
+def _identify(label: Label) -> TextQuestion:
     assert label.kind is not None, "only failures have a kind"
     choices = "; ".join(f"{kind}: {meaning}" for kind, meaning in KINDS.items())
-    return Question(
+    return TextQuestion(
         type="identify",
         question=f"{_name(label)} failed. Which kind of failure is it? {choices}.",
         answer=label.kind,
@@ -101,8 +101,8 @@ def _identify(label: Label) -> Question:
     )
 
 
-def _locate(label: Label) -> Question:
-    return Question(
+def _locate(label: Label) -> TextQuestion:
+    return TextQuestion(
         type="locate",
         question=(
             f"{_name(label)} has ended. Where is the centre of the peg's bottom face, relative to"
@@ -119,13 +119,13 @@ def _locate(label: Label) -> Question:
     )
 
 
-def _explain(trial: Trial, label: Label) -> Question:
+def _explain(trial: Trial, label: Label) -> TextQuestion:
     assert label.kind is not None, "only failures are explained"
     why = causes(trial)
     differs = f"In this trial {_listed(why)}." if why else "Nothing in this trial was off nominal."
     what = f"{_where(label)}, {_height(label)}, {_lean(label.tilt_deg)}".lower()
     setup = setup_of(trial)
-    return Question(
+    return TextQuestion(
         type="explain",
         question=f"{_name(label)} failed. Why? {_SIDES}",
         answer=f"{_BECAUSE[label.kind]}: the centre of its bottom face is {what}. {differs}",
@@ -140,14 +140,14 @@ def _explain(trial: Trial, label: Label) -> Question:
     )
 
 
-def _correct(label: Label, plan: Recovery) -> Question:
+def _correct(label: Label, plan: Recovery) -> TextQuestion:
     question = (
         f"{_name(label)} failed. Which formation should be executed next, does the peg have to"
         f" retreat first, and how far and which way should that formation's goal be moved? {_SIDES}"
     )
     if not plan.steps:
         truth: dict[str, Any] = {"formation": None, "plan": []}
-        return Question(
+        return TextQuestion(
             type="correct", question=question, answer="Stop.", category="stop", truth=truth
         )
     first = plan.steps[0]
@@ -156,7 +156,7 @@ def _correct(label: Label, plan: Recovery) -> Question:
     way = _WAYS[axis][change > 0] if size else "none"
     retreat = "after a retreat" if first.retreat else "from where it is"
     moved = f"goal moved {size:.1f} {axis.report_unit} {way}" if size else "the same goal"
-    return Question(
+    return TextQuestion(
         type="correct",
         question=question,
         answer=f"{str(first.formation).capitalize()}, {retreat}, {moved}: {describe(first.goal)}.",

@@ -17,7 +17,7 @@ Place = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
-class Mark:
+class TextMark:
     """A value's place in the text: where it begins, on a line from 1 and at a character of the text
     from 0, where it ends, and how it is written: its `text` without quotes, "" for a list or a
     section."""
@@ -40,7 +40,7 @@ class Document:
 
     what: str
     value: Any
-    marks: Mapping[Place, Mark]
+    marks: Mapping[Place, TextMark]
     advice: str = ""
     text: str = ""
     is_part: bool = False

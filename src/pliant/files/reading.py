@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from pliant.errors import InputError
-from pliant.files.document import Document, Mark, Place, refusal, spoken
+from pliant.files.document import Document, Place, TextMark, refusal, spoken
 from pliant.files.scalars import ODD_SPACE, plain_scalar, shortened
 from pliant.text import in_a_line
 
@@ -76,7 +76,7 @@ class _Builder:
 
     def __init__(self, what: str, text: str, advice: str) -> None:
         self._what, self._text, self._advice = what, text, advice
-        self._marks: dict[Place, Mark] = {}
+        self._marks: dict[Place, TextMark] = {}
         self._events = self._parsed()
 
     def document(self) -> Document:
@@ -174,9 +174,9 @@ class _Builder:
         except ValueError as error:
             raise self._refused(event, f"{name} is {shortened(text)}: {error}") from error
 
-    def _mark(self, event: Any) -> Mark:
+    def _mark(self, event: Any) -> TextMark:
         is_scalar = isinstance(event, yaml.ScalarEvent)
-        return Mark(
+        return TextMark(
             line=event.start_mark.line + 1,
             start=event.start_mark.index,
             end=event.end_mark.index,

@@ -43,7 +43,7 @@ _STILL_M_S, _STILL_RAD_S = 0.0005, 0.005
 _REACHABLE_S = 2.0
 
 
-class Arm:
+class ArmClient:
     """The connected arm. Every call may raise RobotFault."""
 
     def __init__(self, configuration: Configuration) -> None:

@@ -31,7 +31,7 @@ _STAMP_S = 1e-5  # [s] of rounding in that header
 _ENDING_S = 2.0
 
 
-class Camera(Protocol):
+class CameraDevice(Protocol):
     """A source of pictures. Once it is not usable any more it has to be opened anew."""
 
     @property
@@ -49,7 +49,7 @@ class Camera(Protocol):
     def close(self) -> None: ...
 
 
-def open_camera(settings: c.Camera, patience_s: float) -> Camera:
+def open_camera(settings: c.CameraSettings, patience_s: float) -> CameraDevice:
     """Open the configured camera and see that it delivers.
 
     Raises:
@@ -57,15 +57,15 @@ def open_camera(settings: c.Camera, patience_s: float) -> Camera:
         RobotFault: "camera": it cannot be opened, or sends nothing.
     """
     match settings.source:
-        case c.Source.HTTP:
+        case c.CameraSource.HTTP:
             return Http(settings, patience_s)
-        case c.Source.OPENCV:
+        case c.CameraSource.OPENCV:
             return Stream(settings, patience_s, _opencv(settings, patience_s))
-        case c.Source.REALSENSE | c.Source.FILE:
+        case c.CameraSource.REALSENSE | c.CameraSource.FILE:
             return Stream(settings, patience_s, _realsense(settings, patience_s))
 
 
-def _view(settings: c.Camera, picture: Picture, time_s: float) -> View:
+def _view(settings: c.CameraSettings, picture: Picture, time_s: float) -> View:
     height, width = picture.shape[:2]
     if (width, height) != (settings.width, settings.height):
         raise RobotFault(
@@ -85,7 +85,7 @@ class Http:
 
     is_usable = True  # nothing stays open
 
-    def __init__(self, settings: c.Camera, patience_s: float) -> None:
+    def __init__(self, settings: c.CameraSettings, patience_s: float) -> None:
         self._settings, self._patience_s = settings, patience_s
         if not settings.where.startswith(("http://", "https://")):
             raise InputError(f"camera.where is '{settings.where}': source http needs a URL")
@@ -131,7 +131,7 @@ class Http:
 # --- sources that send by themselves -------------------------------------------------------------
 
 
-class Source(ABC):
+class FrameSource(ABC):
     """A source of frames, one after another. Used by one thread."""
 
     @abstractmethod
@@ -150,7 +150,9 @@ class Stream:
     """Reads a source all the time, so that nothing old waits in a buffer, and hands out frames that
     arrived later than the moment asked for by the camera's latency."""
 
-    def __init__(self, settings: c.Camera, patience_s: float, opener: Callable[[], Source]) -> None:
+    def __init__(
+        self, settings: c.CameraSettings, patience_s: float, opener: Callable[[], FrameSource]
+    ) -> None:
         self._settings, self._patience_s = settings, patience_s
         self._fresh = threading.Condition()
         self._latest: tuple[float, Picture] | None = None  # (arrived, frame)
@@ -183,7 +185,7 @@ class Stream:
                 raise RobotFault("camera", f"the camera sent no new picture in {patience_s:.1f} s")
             return self._latest[1]
 
-    def _run(self, opener: Callable[[], Source]) -> None:
+    def _run(self, opener: Callable[[], FrameSource]) -> None:
         try:
             source = opener()
         except (RobotFault, InputError) as error:
@@ -206,14 +208,14 @@ class Stream:
             self._fresh.notify_all()
 
 
-def _opencv(settings: c.Camera, patience_s: float) -> Callable[[], Source]:
+def _opencv(settings: c.CameraSettings, patience_s: float) -> Callable[[], FrameSource]:
     return lambda: _OpenCv(settings, patience_s)
 
 
-class _OpenCv(Source):
+class _OpenCv(FrameSource):
     """A device by number, or whatever else `cv2.VideoCapture` opens."""
 
-    def __init__(self, settings: c.Camera, patience_s: float) -> None:
+    def __init__(self, settings: c.CameraSettings, patience_s: float) -> None:
         where, wait_ms = settings.where, int(patience_s * 1e3)
         self._where = where
         if where.isdigit():
@@ -227,7 +229,7 @@ class _OpenCv(Source):
         if where.isdigit():
             self._configure(settings)
 
-    def _configure(self, settings: c.Camera) -> None:
+    def _configure(self, settings: c.CameraSettings) -> None:
         wanted: dict[int, float] = {
             cv2.CAP_PROP_FRAME_WIDTH: settings.width,
             cv2.CAP_PROP_FRAME_HEIGHT: settings.height,
@@ -253,7 +255,7 @@ class _OpenCv(Source):
         self._capture.release()
 
 
-def _realsense(settings: c.Camera, patience_s: float) -> Callable[[], Source]:
+def _realsense(settings: c.CameraSettings, patience_s: float) -> Callable[[], FrameSource]:
     """A function that opens the RealSense. Raises InputError here, in the caller's thread, for what
     the user can mend."""
     try:
@@ -263,18 +265,18 @@ def _realsense(settings: c.Camera, patience_s: float) -> Callable[[], Source]:
             f"a RealSense camera needs the extra 'ur5e' ({error}): pip install 'pliant[ur5e]', and"
             " on Debian the package libusb-1.0-0"
         ) from error
-    if settings.source is c.Source.FILE and not Path(settings.where).is_file():
+    if settings.source is c.CameraSource.FILE and not Path(settings.where).is_file():
         raise InputError(f"camera.where: there is no recording '{settings.where}'")
     return lambda: _RealSense(rs, settings, patience_s)
 
 
-class _RealSense(Source):
+class _RealSense(FrameSource):
     """The vendor's pipeline; it plays a recorded file (.db3) just as it plays a camera."""
 
-    def __init__(self, rs: Any, settings: c.Camera, patience_s: float) -> None:
+    def __init__(self, rs: Any, settings: c.CameraSettings, patience_s: float) -> None:
         self._rs, self._wait_ms = rs, int(patience_s * 1e3)
         config = rs.config()
-        if settings.source is c.Source.FILE:
+        if settings.source is c.CameraSource.FILE:
             # The formats are the file's: enabling a stream as well makes it refuse to play.
             config.enable_device_from_file(settings.where, repeat_playback=True)
         else:
@@ -289,7 +291,7 @@ class _RealSense(Source):
             profile = self._pipeline.start(config)
         except RuntimeError as error:
             raise RobotFault("camera", f"the RealSense camera does not start: {error}") from error
-        if settings.source is c.Source.REALSENSE:
+        if settings.source is c.CameraSource.REALSENSE:
             try:
                 self._fix(profile.get_device().first_color_sensor(), settings)
             except RuntimeError as error:
@@ -313,7 +315,7 @@ class _RealSense(Source):
                 f" (connected: {', '.join(there) or 'none'})",
             )
 
-    def _fix(self, sensor: Any, settings: c.Camera) -> None:
+    def _fix(self, sensor: Any, settings: c.CameraSettings) -> None:
         option = self._rs.option
         if settings.exposure_us is not None:
             sensor.set_option(option.enable_auto_exposure, 0)

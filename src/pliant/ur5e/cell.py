@@ -18,7 +18,7 @@ from pliant.pose import Pose
 from pliant.task import Task, load_task, shipped_pegs
 from pliant.ur5e import configuration as c
 from pliant.ur5e import messages as m
-from pliant.ur5e.camera import Camera, open_camera
+from pliant.ur5e.camera import CameraDevice, open_camera
 from pliant.ur5e.driver import Driver
 from pliant.ur5e.pace import AdminPort
 from pliant.ur5e.robot import UrRobot
@@ -69,7 +69,7 @@ class UrCell:
                 " is an emulated one"
             )
         self._driver: Driver | None = None
-        self._camera: Camera | None = None
+        self._camera: CameraDevice | None = None
         self._peg = ""  # that the emulated camera has drawn
 
     @property
@@ -134,7 +134,7 @@ class UrCell:
             self._driver.connect()
         return self._driver
 
-    def _seeing(self) -> Camera:
+    def _seeing(self) -> CameraDevice:
         if self._camera is None or not self._camera.is_usable:
             if self._camera is not None:
                 self._camera.close()
@@ -143,7 +143,7 @@ class UrCell:
         return self._camera
 
     def _set_up_by_hand(
-        self, driver: Driver, camera: Camera, person: Operator, task: Task, setup: Setup
+        self, driver: Driver, camera: CameraDevice, person: Operator, task: Task, setup: Setup
     ) -> None:
         """Set up a real cell: the arm goes home, the person sets the scene, the fingers close on
         the peg: nothing moves before the person has agreed."""
@@ -187,7 +187,7 @@ class UrCell:
             admin.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())
         except OSError as error:
             raise RobotFault("connection", f"the emulator does not answer: {error}") from error
-        if peg != self._peg and self.configuration.camera.source is c.Source.HTTP:
+        if peg != self._peg and self.configuration.camera.source is c.CameraSource.HTTP:
             self._peg = peg
             with contextlib.suppress(OSError):  # a broken camera is for the trial to find
                 # The emulator's first picture of a peg takes longer than a camera may.

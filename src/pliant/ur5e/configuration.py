@@ -30,7 +30,7 @@ Hsv = tuple[Annotated[int, Field(ge=0, le=179)], Byte, Byte]
 KIND = "cell file"
 
 
-class Arm(Fields):
+class ArmSettings(Fields):
     """The arm: how its controller is reached, and how it brakes."""
 
     address: Annotated[str, Field(min_length=1)]
@@ -40,7 +40,7 @@ class Arm(Fields):
     watchdog_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
 
 
-class Tcp(Fields):
+class TcpSettings(Fields):
     """The wrist's hinge point on the flange, as on the pendant: the rotation is a vector."""
 
     x_mm: Length
@@ -57,7 +57,7 @@ class Tcp(Fields):
         return [v * 1e-3 for v in lengths] + [math.radians(v) for v in angles]
 
 
-class Payload(Fields):
+class PayloadSettings(Fields):
     """The payload that hangs on the flange: wrist, gripper and peg."""
 
     mass_kg: Annotated[float, Field(gt=0.0, le=5.0)]
@@ -68,7 +68,7 @@ class Payload(Fields):
         return [v * 1e-3 for v in self.center_mm]
 
 
-class Frame(Fields):
+class FrameSettings(Fields):
     """The task frame in the arm's base frame."""
 
     x_mm: Length
@@ -88,7 +88,7 @@ class Frame(Fields):
         return result
 
 
-class Workspace(Fields):
+class WorkspaceSettings(Fields):
     """The workspace of the hinge point: [from, to] per axis, in the task frame."""
 
     x_mm: tuple[Length, Length]
@@ -119,7 +119,7 @@ class Workspace(Fields):
         return Pose().updated({a: a.from_report(r[which]) for a, r in ranges.items()})
 
 
-class Limits(Fields):
+class LimitsSettings(Fields):
     """The limits of the cell: how fast, how hard, how far."""
 
     speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = 100.0
@@ -129,7 +129,7 @@ class Limits(Fields):
     goal_step_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 45.0
 
 
-class Wrist(Fields):
+class WristSettings(Fields):
     """The wrist: how the force becomes compression."""
 
     stiffness_n_mm: Annotated[float, Field(gt=0.0, le=100.0)]
@@ -138,7 +138,7 @@ class Wrist(Fields):
     filter_ms: Annotated[float, Field(ge=0.0, le=100.0)] = 20.0
 
 
-class Gripper(Fields):
+class GripperSettings(Fields):
     """The Robotiq 2F-85 behind its URCap socket."""
 
     port: Port = 63352
@@ -148,7 +148,7 @@ class Gripper(Fields):
     open_at: Byte = 0
 
 
-class Source(StrEnum):
+class CameraSource(StrEnum):
     """The kind of source that the camera's pictures come from."""
 
     REALSENSE = "realsense"
@@ -157,10 +157,10 @@ class Source(StrEnum):
     FILE = "file"
 
 
-class Camera(Fields):
+class CameraSettings(Fields):
     """The side camera, and where it stands in the task frame."""
 
-    source: Source
+    source: CameraSource
     where: str = ""
     width: Annotated[int, Field(ge=64, le=4096)] = 640
     height: Annotated[int, Field(ge=64, le=4096)] = 480
@@ -174,7 +174,7 @@ class Camera(Fields):
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
-        if self.source is not Source.REALSENSE and not self.where:
+        if self.source is not CameraSource.REALSENSE and not self.where:
             raise ValueError(
                 f"where: the source {self.source} needs a device, an address or a file"
             )
@@ -192,14 +192,14 @@ class Camera(Fields):
         )
 
 
-class Colours(Fields):
+class ColoursSettings(Fields):
     """HSV ranges, each [low, high]: hue 0 to 179, saturation and value 0 to 255."""
 
     peg: tuple[tuple[Hsv, Hsv], ...] = Field(min_length=1)
     block: tuple[tuple[Hsv, Hsv], ...] = Field(min_length=1)
 
 
-class Patience(Fields):
+class PatienceSettings(Fields):
     """The longest that anything may take before the cell counts as broken. All of pliant's waits
     for a cell are these."""
 
@@ -220,7 +220,7 @@ class Patience(Fields):
         return self
 
 
-class Emulator(Fields):
+class EmulatorSettings(Fields):
     """The emulator of an emulated cell: experiments set up its trials, and learn the truth, through
     it."""
 
@@ -231,19 +231,19 @@ class Emulator(Fields):
 class Configuration(Fields):
     """The configuration of one cell. A file that lacks a section with defaults has them."""
 
-    arm: Arm
-    tcp: Tcp
-    payload: Payload
-    task_frame: Frame
-    workspace: Workspace
-    limits: Limits = Limits()
-    wrist: Wrist
-    gripper: Gripper | None = Gripper()
-    camera: Camera
-    colours: Colours | None = None
+    arm: ArmSettings
+    tcp: TcpSettings
+    payload: PayloadSettings
+    task_frame: FrameSettings
+    workspace: WorkspaceSettings
+    limits: LimitsSettings = LimitsSettings()
+    wrist: WristSettings
+    gripper: GripperSettings | None = GripperSettings()
+    camera: CameraSettings
+    colours: ColoursSettings | None = None
     goals: Path | None = None
-    patience: Patience = Patience()
-    emulator: Emulator | None = None
+    patience: PatienceSettings = PatienceSettings()
+    emulator: EmulatorSettings | None = None
 
     @field_validator("goals", mode="before")
     @classmethod
@@ -297,7 +297,7 @@ def _example() -> str:
 def _from_folder(configuration: Configuration, folder: Path) -> Configuration:
     camera, goals = configuration.camera, configuration.goals
     changes: dict[str, Any] = {}
-    if camera.source is Source.FILE:
+    if camera.source is CameraSource.FILE:
         changes["camera"] = camera.model_copy(update={"where": str(folder / camera.where)})
     if goals is not None:
         changes["goals"] = folder / goals

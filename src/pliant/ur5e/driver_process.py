@@ -20,10 +20,10 @@ from pliant.errors import InputError, RobotFault
 from pliant.pose import Axis, Pose, pose_from
 from pliant.ur5e import dashboard
 from pliant.ur5e import messages as m
-from pliant.ur5e.arm import Arm
+from pliant.ur5e.arm import ArmClient
 from pliant.ur5e.compression import Compression
 from pliant.ur5e.configuration import Configuration, Transform
-from pliant.ur5e.gripper import Gripper
+from pliant.ur5e.gripper import GripperClient
 from pliant.ur5e.pace import LOOK_S
 from pliant.wrist import Watch, is_straight
 
@@ -72,8 +72,8 @@ class _Driver:
         self._wrist = Watch(configuration.limits.compression_mm * 1e-3)
         self._is_tared = False
         self._hangs_m = 0.0  # when last tared, from where it hung at first
-        self._arm: Arm | None = None
-        self._gripper: Gripper | None = None
+        self._arm: ArmClient | None = None
+        self._gripper: GripperClient | None = None
         self._said_s = 0.0
         self._is_guided = False
         # Of a straight press under way: where it began and the wrist's axis, toward the tip.
@@ -129,10 +129,10 @@ class _Driver:
 
     def _connect(self) -> None:
         configuration = self._configuration
-        self._arm = Arm(configuration)
+        self._arm = ArmClient(configuration)
         if configuration.gripper is not None:
             patience_s = configuration.patience.gripper_ms * 1e-3
-            self._gripper = Gripper(
+            self._gripper = GripperClient(
                 configuration.gripper, configuration.arm.address, patience_s, self._wait
             )
 
@@ -313,22 +313,22 @@ class _Driver:
         start, axis = self._way
         return float((self._here.pose()[:3, 3] - start) @ axis)
 
-    def _now(self) -> m.Measured:
+    def _now(self) -> m.ArmReading:
         pose = self._task_of_base @ self._here.pose()
-        return m.Measured(
+        return m.ArmReading(
             time_s=self._here.time_s(),
             pose=pose_from(pose[:3, 3], pose[:3, :3]),
             compression_m=self._compression.mean,
             compression_sd_m=self._compression.mean_sd,
         )
 
-    def _measured(self) -> m.Measured:
+    def _measured(self) -> m.ArmReading:
         self._here.check()
         self._read()
         return self._now()
 
     @property
-    def _here(self) -> Arm:
+    def _here(self) -> ArmClient:
         if self._arm is None:
             raise RobotFault("connection", "the arm is not connected")
         return self._arm
@@ -343,13 +343,13 @@ class _Samples:
         self.compressions_m: list[float] = []
         self.peak_m = -math.inf
 
-    def take(self, at: m.Measured, compression_m: float) -> None:
+    def take(self, at: m.ArmReading, compression_m: float) -> None:
         self.peak_m = max(self.peak_m, compression_m)
         self.times_s.append(at.time_s)
         self.poses.append([at.pose[axis] for axis in Axis])
         self.compressions_m.append(compression_m)
 
-    def take_if_due(self, at: m.Measured, compression_m: float) -> None:
+    def take_if_due(self, at: m.ArmReading, compression_m: float) -> None:
         self.peak_m = max(self.peak_m, compression_m)
         if at.time_s >= self.times_s[-1] + _SAMPLE_S - LOOK_S / 2:
             self.take(at, compression_m)

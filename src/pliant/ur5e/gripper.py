@@ -26,7 +26,7 @@ class Object(IntEnum):
     NONE = 3  # arrived where they were sent
 
 
-class Gripper:
+class GripperClient:
     """One connection to the gripper. `poll` never waits; the other calls wait for an answer, with a
     time-out. While the fingers move, `idle` passes the time [s]: whoever owns an arm watches it
     meanwhile.
@@ -37,7 +37,7 @@ class Gripper:
 
     def __init__(
         self,
-        settings: c.Gripper,
+        settings: c.GripperSettings,
         address: str,
         patience_s: float,
         idle: Callable[[float], None] = time.sleep,

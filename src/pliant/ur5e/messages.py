@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.pose import Pose
-from pliant.wrist import Answer
+from pliant.wrist import SensorAnswer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ Request = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class ArmReading:
     """The arm at one moment; the time is the controller's."""
 
     time_s: float
@@ -121,14 +121,14 @@ class Moved:
     is_reached: bool  # False: stopped by compression
     peak_compression_m: float
     started_s: float
-    ended: Measured
+    ended: ArmReading
     times_s: NDArray[np.float64]  # (n,)
     poses: NDArray[np.float64]  # (n, 6) x, y, z [m], roll, pitch, yaw [rad]
     compressions_m: NDArray[np.float64]  # (n,)
-    answer: Answer | None
+    answer: SensorAnswer | None
 
 
-Result = Measured | Moved | bool | float | None
+Result = ArmReading | Moved | bool | float | None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
 from pliant.task import Task
 from pliant.ur5e import messages as m
-from pliant.ur5e.camera import Camera
+from pliant.ur5e.camera import CameraDevice
 from pliant.ur5e.configuration import Configuration
 from pliant.ur5e.driver import Driver
 
@@ -23,7 +23,7 @@ class UrRobot:
     and nothing moves."""
 
     def __init__(
-        self, configuration: Configuration, driver: Driver, camera: Camera, task: Task
+        self, configuration: Configuration, driver: Driver, camera: CameraDevice, task: Task
     ) -> None:
         self.configuration, self.task = configuration, task
         self._driver, self._camera = driver, camera
@@ -141,13 +141,13 @@ class UrRobot:
         is_free = min(start.z, end.z) >= free_z
         return (limits.speed_mm_s if is_free else limits.contact_speed_mm_s) * 1e-3
 
-    def _view(self, name: str, at: m.Measured) -> View:
+    def _view(self, name: str, at: m.ArmReading) -> View:
         if name != "side":
             raise RobotFault("camera", f"the cell has no camera '{name}': it has 'side'")
         return self._camera.view(at.time_s, self._origin_s)
 
-    def _measure(self) -> m.Measured:
-        return self._ask_for(m.Measured, m.Measure())
+    def _measure(self) -> m.ArmReading:
+        return self._ask_for(m.ArmReading, m.Measure())
 
     def _ask_for(self, kind: type[T], request: m.Request) -> T:
         result = self._ask(request)

@@ -88,7 +88,7 @@ class Key:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Question:
+class BenchCase:
     """A case with its key, and its name in the set."""
 
     name: str
@@ -109,7 +109,7 @@ class Cases:
     def __len__(self) -> int:
         return len(self.keys)
 
-    def __iter__(self) -> Iterator[Question]:
+    def __iter__(self) -> Iterator[BenchCase]:
         with _opened(self.path) as archive:
             pictures = _Pictures(archive)
             teaching = self._teaching(pictures)
@@ -122,7 +122,7 @@ class Cases:
                 case = _valid(Case, with_method(document), where, pictures)
                 if key.formation is not case.outcome.step.formation:
                     raise InputError(f"{where}: the answer is to another case{_AGAIN}")
-                yield Question(name=f"{number:04d}", case=case, key=key)
+                yield BenchCase(name=f"{number:04d}", case=case, key=key)
 
     @cached_property
     def keys(self) -> tuple[Key, ...]:
@@ -174,7 +174,7 @@ class Cases:
 
 
 def write(
-    path: Path, questions: Iterable[Question], *, encoded: Mapping[str, bytes] | None = None
+    path: Path, questions: Iterable[BenchCase], *, encoded: Mapping[str, bytes] | None = None
 ) -> None:
     """Write a set, whole or not at all. All its cases share their goal pictures. `encoded` holds
     the WebP files of pictures that are stored as they came, by the hashes of their pixels; the

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pliant.envelope import Limits
 from pliant.errors import InputError, PliantError, described
 from pliant.experiment.bench.answers import CHANGE_M, Answer, change
-from pliant.experiment.bench.cases import Kind, Question
+from pliant.experiment.bench.cases import BenchCase, Kind
 from pliant.formations import OWNED, Formation, Step
 from pliant.records import Case, Decision, Exchange, Recovery, Verdict
 from pliant.recovery import Reasoner, admit
@@ -53,7 +53,7 @@ class Mark:
     decisions: tuple[tuple[Exchange, ...], ...]  # per decision that asked a model
 
 
-def put(question: Question, name: str, make: Make) -> Mark:
+def put(question: BenchCase, name: str, make: Make) -> Mark:
     """Ask a reasoner about a case: to judge it, and after a true failure to recover.
 
     A reasoner that took the failure for a success is asked to recover from a plain verdict of
@@ -73,7 +73,7 @@ def put(question: Question, name: str, make: Make) -> Mark:
         ) from error
 
 
-def _put(question: Question, mind: Reasoner) -> Mark:
+def _put(question: BenchCase, mind: Reasoner) -> Mark:
     case, key = question.case, question.key
     verdict = mind.judge(case)
     made: list[Decision] = [verdict]

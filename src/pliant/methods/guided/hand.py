@@ -70,7 +70,7 @@ class Stopped(Exception):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame:
+class HandFrame:
     """The hole's frame in the task frame: its origin [m] and its yaw [rad]."""
 
     x: float
@@ -326,11 +326,11 @@ class Hand:
         return self.frame.z - peg.tip[2], in_hand(self._seen(self.looks[-1]))[0]
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> HandFrame:
         """The hole's frame, where the hole is believed to be."""
         belief = self.belief
         x, y, z, yaw = (
             m.value if m is not None else 0.0
             for m in (belief.hole_x, belief.hole_y, belief.surface_z, belief.board_yaw)
         )
-        return Frame(x=x, y=y, z=z, yaw=yaw)
+        return HandFrame(x=x, y=y, z=z, yaw=yaw)

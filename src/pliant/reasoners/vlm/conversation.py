@@ -40,7 +40,7 @@ _TAG = {Output.TOOL: ToolOutput, Output.NATIVE: NativeOutput, Output.PROMPTED: P
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer(Generic[T]):
+class ModelAnswer(Generic[T]):
     """The outcome of a question: `value` None where there is no usable reply, and `problem` says
     why; `refused` is then the last reply that could at least be read. `is_final`: the same question
     would meet the same end, since it was refused, nobody was there, or no reply came in time."""
@@ -62,7 +62,7 @@ def ask(
     reply: type[T],
     deadline_s: float,
     check: Callable[[T], str | None] = lambda _: None,
-) -> Answer[T]:
+) -> ModelAnswer[T]:
     """Ask for a `reply`; `check` says why one cannot be used, and the model is told so once.
 
     Raises:
@@ -115,7 +115,7 @@ def ask(
     except Exception as error:  # a server may send anything, and a client library raise anything
         is_final = True
         problem = _after(refusals, f"{type(error).__name__}: {error}")
-    return Answer(
+    return ModelAnswer(
         value=value,
         problem=problem,
         refused=None if value is not None or not read else read[-1],

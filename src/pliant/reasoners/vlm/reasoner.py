@@ -18,7 +18,7 @@ from pliant.envelope import Limits
 from pliant.formations import Formation
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import plans, prompt
-from pliant.reasoners.vlm.conversation import Answer, ask
+from pliant.reasoners.vlm.conversation import ModelAnswer, ask
 from pliant.reasoners.vlm.replies import (
     Analysis,
     Judgement,
@@ -207,14 +207,14 @@ class Vlm:
         asked: tuple[str, ...],
         until: float,
         check: Callable[[T], str | None] = lambda _: None,
-    ) -> Answer[T]:
+    ) -> ModelAnswer[T]:
         if self._silent >= _SILENT:
             why = f"not asked: the model was silent {_SILENT} times in a row, last for {self._last}"
-            return Answer(value=None, problem=why, refused=None, exchanges=())
+            return ModelAnswer(value=None, problem=why, refused=None, exchanges=())
         left = until - time.monotonic()
         if left <= 0:
             why = f"no time left of the {self.settings.deadline_s:g} s for this decision"
-            return Answer(value=None, problem=why, refused=None, exchanges=())
+            return ModelAnswer(value=None, problem=why, refused=None, exchanges=())
         answer = ask(
             self._wire,
             self.settings,
