@@ -15,6 +15,7 @@ from pliant.checks import (
     metric_insertion,
     pose_check,
     slid,
+    sunk,
     table_i,
 )
 from pliant.formations import OWNED, Formation
@@ -292,6 +293,18 @@ def test_what_is_felt_is_held_against_the_tips_height_in_the_picture() -> None:
     unseen = replace(in_contact(0.0, tip_z=0.0, z=HANGS - 0.03))
     unseen = replace(unseen, looks=(replace(unseen.looks[0], scene=UNSEEN),))
     assert doubted(unseen) is None
+
+
+@pytest.mark.parametrize(
+    ("tip_z", "depth"), [(0.004, 0.0), (-0.002, 0.0), (-0.005, 0.005), (-0.017, 0.017)]
+)
+def test_how_deep_the_tip_is_in_the_hole_is_read_off_the_picture(
+    tip_z: float, depth: float
+) -> None:
+    outcome = in_contact(0.0, tip_z=tip_z, z=HANGS)
+    assert sunk(outcome) == pytest.approx(depth, abs=1e-4)
+    unseen = replace(outcome, looks=(replace(outcome.looks[0], scene=UNSEEN),))
+    assert sunk(unseen) == 0.0
 
 
 def test_a_peg_that_is_seen_higher_than_it_is_felt_has_slid_up_in_the_grasp() -> None:

@@ -188,6 +188,17 @@ def test_until_the_wrists_sensor_has_answered_nothing_presses_further_than_a_tou
     assert robot.poses[-1].z < HANG_M - 0.03
 
 
+def test_until_then_a_peg_that_is_seen_in_the_hole_goes_on_from_where_it_is_seen() -> None:
+    robot = ScriptedRobot(answer=SensorAnswer(slope=0.1, sd=0.0))
+    guarded = Guarded(robot, LOW)
+    for sunk, commanded in ((0.005, HANG_M - 0.019), (0.017, HANG_M - 0.031), (0.090, 0.153)):
+        guarded.descent = Descent(surface_z=0.0, hang_m=HANG_M, depth_m=0.010, sunk_m=sunk)
+        for _ in range(9):  # in the hole a press that is not felt is a slide
+            guarded.move_to(Pose(z=0.100), speed_m_s=0.02, stop_at_compression_m=0.02)
+        assert robot.poses[-1].z == pytest.approx(commanded)
+    assert not guarded.has_answered
+
+
 @pytest.mark.parametrize(("slope", "presses"), [(0.5, 4), (1.5, 1)])
 def test_a_sensor_that_answers_wrongly_ends_the_trial_one_that_slid_once_does_not(
     slope: float, presses: int

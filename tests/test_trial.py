@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stand_ins import ScriptedReasoner, ScriptedRobot, goal_step, names, recovery_of
+from stand_ins import ScriptedReasoner, ScriptedRobot, cell_for, goal_step, names, recovery_of
 
 from pliant import store
 from pliant.belief import Belief
@@ -375,3 +375,10 @@ def test_truth_is_no_part_of_a_case() -> None:
 def test_a_skill_gets_no_more_of_the_robot_than_the_protocol() -> None:
     public = {n for n in vars(Guarded) if not n.startswith("_")}
     assert public == {n for n in vars(Robot) if not n.startswith("_")}
+
+
+def test_a_peg_that_slid_into_the_hole_without_ever_pressing_the_board_goes_in() -> None:
+    """Its sensor has not answered, so it goes down from where the picture shows it."""
+    spec = Spec.named(peg="rectangle", condition="pose", seed=129)
+    trial = perform(spec, cell_for("rectangle"), shipped())
+    assert (trial.end_reason, trial.inserted, len(trial.executions)) == ("inserted", True, 9)

@@ -63,9 +63,12 @@ def sag_m(teaching: Teaching) -> float:
     return (z.value - seen.peg.tip_z.value) / math.cos(shown.pose.roll) ** 2
 
 
-def descent_of(belief: Belief, task: Task, teaching: Teaching, slid_m: float = 0.0) -> Descent:
+def descent_of(
+    belief: Belief, task: Task, teaching: Teaching, *, slid_m: float = 0.0, sunk_m: float = 0.0
+) -> Descent:
     """The geometric limit on how low the hand may go, by what is believed of the board; nominal
-    until it was seen. A peg that has slid up in the grasp by `slid_m` [m] touches so much later."""
+    until it was seen. A peg that has slid up in the grasp by `slid_m` [m] touches so much later;
+    `sunk_m` [m] is how deep it was seen in the hole."""
     surface = belief.surface_z.value if belief.surface_z is not None else 0.0
     hang = task.tip_below_hinge + sag_m(teaching) - slid_m
-    return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth)
+    return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth, sunk_m=sunk_m)

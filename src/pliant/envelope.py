@@ -59,24 +59,28 @@ class Descent:
     wrist's sensor says.
 
     `surface_z` is where the board's surface is believed to be, `hang_m` how far below the hinge
-    point the peg's tip hangs freely, `depth_m` how deep the hole lets it in [m].
+    point the peg's tip hangs freely, `depth_m` how deep the hole lets it in, `sunk_m` how deep in
+    it the tip was seen while it stayed there [m].
     """
 
     surface_z: float
     hang_m: float
     depth_m: float
+    sunk_m: float = 0.0
 
     def lowest_z(self, stop_at_m: float, limits: Limits, *, proven: bool) -> float:
         """The lowest height [m] of the hinge point in a motion that ends at `stop_at_m` of
         compression [m]. One that ends earlier than at the limit is for a touch, on the board's
         surface. `proven` says whether the wrist's sensor has answered to being pressed: until then
-        nothing goes further than a touch may."""
+        nothing goes further than a touch may, counted from the tip where it was seen in the hole.
+        """
         surface = max(-_SURFACE_M, min(_SURFACE_M, self.surface_z))
         if stop_at_m < limits.compression_m:
             return surface + self.hang_m - stop_at_m - _BELOW_M
+        lowest = min(surface, 0.0) + self.hang_m - self.depth_m - limits.compression_m - _BELOW_M
         if not proven:
-            return surface + self.hang_m - _UNPROVEN_M
-        return min(surface, 0.0) + self.hang_m - self.depth_m - limits.compression_m - _BELOW_M
+            return max(lowest, surface + self.hang_m - self.sunk_m - _UNPROVEN_M)
+        return lowest
 
 
 class Guarded:
@@ -135,12 +139,13 @@ class Guarded:
 
     def _hear(self, answer: SensorAnswer | None) -> None:
         """Judge how the sensor answered to a press. One that is felt too little may be of a peg
-        that slid into the hole; several are not. Once the sensor has answered, a slide is no
-        news."""
+        that slid into the hole; several are not, but where the peg is in it already. Once the
+        sensor has answered, a slide is no news."""
         if answer is None or self.has_answered:
             return
         self.has_answered = answer.is_within(_LIKELY)
-        if answer.is_within(_DOUBTED):
+        slides = self.descent is not None and self.descent.sunk_m > 0.0 and answer.slope < 1.0
+        if answer.is_within(_DOUBTED) or slides:
             return
         self._unlikely += 1
         if self._unlikely >= _PRESSES or answer.slope > 1.0:

@@ -12,7 +12,7 @@ from functools import partial
 
 from pliant.belief import Belief, Seen, descent_of
 from pliant.cell import Robot
-from pliant.checks import doubt, slid
+from pliant.checks import doubt, slid, sunk
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
@@ -109,7 +109,7 @@ class Run:
         goals = self.teaching.goals
         skill = self.method.skill(self.task, self.teaching, self.limits)
         queue = deque(goals.step(formation) for formation in Formation)
-        failures, slid_m = 0, 0.0
+        failures, slid_m, sunk_m = 0, 0.0, 0.0
         while True:
             if not queue:
                 self.end_reason = End.FINISHED
@@ -122,7 +122,9 @@ class Run:
             target = goals.target(step.formation)
             robot.motions.clear()
             self._begun = step, target
-            robot.descent = descent_of(self.belief, self.task, self.teaching, slid_m)
+            robot.descent = descent_of(
+                self.belief, self.task, self.teaching, slid_m=slid_m, sunk_m=sunk_m
+            )
             outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
             self._believe(outcome)
             problem = doubt(
@@ -134,6 +136,8 @@ class Run:
             if robot.has_answered:  # else what is not felt may be the sensor's fault
                 now = slid(self.task, outcome, self.belief, self.teaching)
                 slid_m = slid_m if now is None else now
+            now_m = sunk(outcome)
+            sunk_m = max(sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
             case = Case(
                 task=self.task,
                 teaching=self.teaching,
