@@ -1,13 +1,13 @@
 import math
-from contextlib import suppress
-from dataclasses import replace
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
 
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from stand_ins import ScriptedRobot
 
-from pliant.cell import Robot
+from pliant.cell import Motion, Robot
 from pliant.envelope import Descent, Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
@@ -197,6 +197,34 @@ def test_until_then_a_peg_that_is_seen_in_the_hole_goes_on_from_where_it_is_seen
             guarded.move_to(Pose(z=0.100), speed_m_s=0.02, stop_at_compression_m=0.02)
         assert robot.poses[-1].z == pytest.approx(commanded)
     assert not guarded.has_answered
+
+
+@pytest.mark.parametrize(
+    ("off", "answered", "arrives"),
+    [(0.009, False, True), (0.011, False, False), (0.02, True, True)],
+)
+def test_until_then_a_hand_that_is_held_back_is_a_fault(
+    off: float, answered: bool, arrives: bool
+) -> None:
+    robot = HeldBack(by=off, answer=None)
+    guarded = Guarded(robot, LIMITS)
+    guarded.has_answered = answered
+    with nullcontext() if arrives else pytest.raises(RobotFault, match="has not answered yet"):
+        guarded.move_to(Pose(y=0.02, z=0.2), speed_m_s=0.02, stop_at_compression_m=0.02)
+    assert (robot.calls[-1] == "halt") is not arrives
+
+
+@dataclass(kw_only=True)
+class HeldBack(ScriptedRobot):
+    """A robot that ends every motion beside its goal."""
+
+    by: float
+
+    def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
+        motion = super().move_to(
+            pose, speed_m_s=speed_m_s, stop_at_compression_m=stop_at_compression_m
+        )
+        return replace(motion, ended=pose.updated({Axis.Y: pose.y - self.by}))
 
 
 @pytest.mark.parametrize(("slope", "presses"), [(0.5, 4), (1.5, 1)])

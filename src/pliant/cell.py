@@ -85,6 +85,11 @@ class Motion:
     trace: Trace = field(repr=False)
     answer: SensorAnswer | None = None  # of the wrist's reading, where the motion pressed it
 
+    @property
+    def off(self) -> tuple[float, float]:
+        """The distance [m] and the angle [rad] from where it was sent to where it ended."""
+        return self.commanded.distance_to(self.ended), self.commanded.turn_to(self.ended)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:

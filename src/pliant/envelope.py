@@ -1,5 +1,6 @@
 """The envelope: nothing moves the arm without its leave, teaching included."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
@@ -17,6 +18,7 @@ _UNPROVEN_M = 0.014  # of pressing on the board, whatever is read, before the se
 _LIKELY, _DOUBTED = 2.0, 3.0  # standard deviations of the sensor's answer
 _PRESSES = 4  # that are felt too little
 _READINGS, _BETWEEN_S = 9, 0.1  # at rest, of a wrist whose noise hides whether it is pressed
+_OFF_M, _OFF_RAD = 0.010, math.radians(3.0)  # of a hand that is held back, before it has
 _SURFACE_M = 0.020  # from nominal: further no board is believed to be
 
 
@@ -135,7 +137,22 @@ class Guarded:
             motion = replace(motion, requested=requested)
         self.motions.append(motion)
         self._hear(motion.answer)
+        self._see_that_it_arrived(motion)
         return motion
+
+    def _see_that_it_arrived(self, motion: Motion) -> None:
+        """What holds the peg holds back the hand, too, and loads the wrist. A sensor that has
+        answered tells by how much; until it has, the hand must get where it is sent."""
+        off_m, turn = motion.off
+        arrives = off_m <= _OFF_M and turn <= _OFF_RAD
+        if self.has_answered or arrives or motion.stop.is_early:
+            return
+        self._robot.halt()
+        raise RobotFault(
+            "not_reached",
+            f"a motion ended {off_m * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal,"
+            " and the wrist's sensor has not answered yet",
+        )
 
     def _hear(self, answer: SensorAnswer | None) -> None:
         """Judge how the sensor answered to a press. One that is felt too little may be of a peg

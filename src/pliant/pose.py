@@ -87,6 +87,15 @@ class Pose:
             for axis in axes
         }
 
+    def distance_to(self, other: "Pose") -> float:
+        """The distance between two positions [m]."""
+        return float(np.linalg.norm(self.position() - other.position()))
+
+    def turn_to(self, other: "Pose") -> float:
+        """The angle of the one turn that brings this orientation to the other [rad]."""
+        cosine = (float(np.trace(self.rotation().T @ other.rotation())) - 1.0) / 2.0
+        return math.acos(max(-1.0, min(1.0, cosine)))
+
     def position(self) -> NDArray[np.float64]:  # (3,) [m]
         """The position x, y, z (3,) [m]."""
         return np.array([self.x, self.y, self.z])

@@ -261,9 +261,7 @@ def is_straight(start: Pose, goal: Pose) -> bool:
     """Whether a motion goes so straight down that pressing is all it does to the wrist: a tip that
     is dragged, or turned, loads it, too."""
     way = goal.position() - start.position()
-    cosine = (float(np.trace(start.rotation().T @ goal.rotation())) - 1.0) / 2.0
-    turn = math.acos(max(-1.0, min(1.0, cosine)))
-    return math.hypot(way[0], way[1]) <= -_ASIDE * way[2] and turn <= _TURNED_RAD
+    return math.hypot(way[0], way[1]) <= -_ASIDE * way[2] and start.turn_to(goal) <= _TURNED_RAD
 
 
 def _in_words(compression_m: float) -> str:

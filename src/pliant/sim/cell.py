@@ -335,8 +335,7 @@ class SimRobot:
     def _verify(self, motion: Motion) -> None:
         """Check that a motion ended near its goal: what holds the peg may hold back the hand, too,
         since the servos give way."""
-        off = float(np.linalg.norm(motion.ended.position() - motion.commanded.position()))
-        turn = _angle_between(motion.ended, motion.commanded)
+        off, turn = motion.off
         if off > _NEAR_M or turn > _NEAR_RAD:
             self.halt()
             raise RobotFault(
@@ -361,7 +360,7 @@ class SimRobot:
     def _length(self, pose: Pose) -> float:
         """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
         line = float(np.linalg.norm(pose.position() - self._commanded.position()))
-        return max(line, self.task.tip_below_hinge * _angle_between(self._commanded, pose))
+        return max(line, self.task.tip_below_hinge * self._commanded.turn_to(pose))
 
     def _control(self) -> None:
         model, data = self.model, self.data
@@ -423,11 +422,6 @@ class _Samples:
             pose=np.hstack([np.array(self.position), np.array(angles)]),
             compression_m=np.array(self.compression_m),
         )
-
-
-def _angle_between(a: Pose, b: Pose) -> float:  # [rad]
-    cosine = (float(np.trace(a.rotation().T @ b.rotation())) - 1.0) / 2.0
-    return math.acos(max(-1.0, min(1.0, cosine)))
 
 
 def _along(waypoints: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:
