@@ -1,6 +1,7 @@
 """What every test needs before it is collected."""
 
 import os
+import signal
 from collections.abc import Iterator
 
 import pydantic_ai.models
@@ -17,6 +18,11 @@ pydantic_ai.models.ALLOW_MODEL_REQUESTS = False
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # what a test starts says what it says to a user
     os.environ.pop("PYTHONWARNDEFAULTENCODING", None)
+
+for number in (signal.SIGINT, signal.SIGHUP):
+    # A background job ignores them, and so would all that it starts; a handler is not inherited.
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, lambda *_: None)
 
 
 @pytest.fixture(autouse=True)

@@ -71,8 +71,8 @@ def _text(content: bytes, what: str) -> str:
 
 
 class _Builder:
-    """Plain data from PyYAML's events, each judged as it comes. (They are `Any` here: the stubs do
-    not know that those of a parser have marks.)"""
+    """Plain data from PyYAML's events, each judged as it comes. (They are `Any` here: the library's
+    type hints do not say that those of a parser have marks.)"""
 
     def __init__(self, what: str, text: str, advice: str) -> None:
         self._what, self._text, self._advice = what, text, advice
