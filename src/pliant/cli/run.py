@@ -25,7 +25,7 @@ from pliant.cli.cells import where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.console import Lasting, say
-from pliant.errors import InputError
+from pliant.errors import InputError, PliantError, described
 from pliant.experiment import faults, journal, plan, results, runner
 from pliant.experiment.cells import Experiment
 from pliant.experiment.measures import is_undecided, model_share
@@ -189,13 +189,20 @@ def _attended(
             raise InputError(f"'{folder}' holds this trial already: choose another folder (--out)")
         store.set_apart(folder, spec.trial_id)
         teller.begin(spec)
-        trial = engine.perform(
-            spec,
-            folder,
-            record=model.record,
-            replay=model.replay,
-            on_execution=teller.tell,
-        )
+        try:
+            trial = engine.perform(
+                spec,
+                folder,
+                record=model.record,
+                replay=model.replay,
+                on_execution=teller.tell,
+            )
+        except PliantError:
+            raise
+        except Exception as error:  # a user's cell may raise anything
+            if experiment.where.own is None:
+                raise
+            raise InputError(f"cell '{experiment.where.own}' failed: {described(error)}") from error
         assert trial is not None, "a single trial cannot be left for later"
         _store(folder, book, trial)
     return trial
@@ -345,7 +352,7 @@ class _Teller:
         self.console.print(line)
         executions = f"{len(trial.executions)} executions{of_which(trial.executions)}"
         self.say(
-            f"{trial.end_reason}{fault}: {executions}, {moves} motions,"
+            f"{trial.end_reason}{fault}: {executions}, {moves} motion{'' if moves == 1 else 's'},"
             f" {trial.simulated_s:.1f} s of robot time, {trial.wall_s:.1f} s of yours"
         )
         self.say(f"page: {shown(page)}")
