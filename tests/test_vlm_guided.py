@@ -170,7 +170,7 @@ def test_the_instructions_say_what_a_goal_means_and_when_to_stop(plan: Plans) ->
 @pytest.mark.parametrize(
     ("level", "peg", "seed", "voice"),
     [
-        ("L6", "rectangle", 9135, "SpeaksForRules"),
+        ("L6", "rectangle_narrow", 9135, "SpeaksForRules"),
         ("L6", "circle", 9133, "AbsoluteRules"),
     ],
 )
