@@ -205,7 +205,8 @@ def test_pixels_can_be_turned_into_millimetres_by_what_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("peg", "width_mm", "hole_mm", "left_mm"), [("circle", 40, 42, 80), ("rectangle_narrow", 20, 22, 80)]
+    ("peg", "width_mm", "hole_mm", "left_mm"),
+    [("circle", 40, 42, 80), ("rectangle_narrow", 20, 22, 80)],
 )
 def test_the_sizes_of_peg_and_hole_are_told_and_what_success_leaves_to_be_seen(
     peg: str, width_mm: int, hole_mm: int, left_mm: int

@@ -25,6 +25,14 @@ from pliant.reasoners.vlm.settings import Decider, Settings
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
 from pliant.vision.scene import Measured, Scene
 
+ASKED = {
+    "judge": "judge this execution.",
+    "analyse": "analyse this failure.",
+    "plan": "plan the recovery.",
+    "both": "analyse this failure, and plan the recovery.",
+}
+"""The words with which a request ends, by its stage; "both" asks for analysis and plan at once."""
+
 _NOT_MADE = "–"
 _BELIEVED = {
     "hole_x": ("hole", Axis.X),
@@ -309,6 +317,11 @@ def _tenths(value: float) -> str:
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, ["---"] * len(head), *rows])
+
+
+def shown(picture: BinaryContent) -> NDArray[np.uint8]:
+    """A picture of a request (height, width, 3), RGB."""
+    return pictures.decoded(picture.data)
 
 
 def picture(image: NDArray[np.uint8]) -> BinaryContent:

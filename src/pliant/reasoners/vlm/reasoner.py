@@ -67,7 +67,7 @@ class Vlm:
         settings = self.settings
         if settings.judge is Decider.RULES:
             return self.rules.judge(case)
-        known = _unasked(case)
+        known = unasked(case)
         if known is not None:
             return known
         if settings.skip_agreed:
@@ -81,7 +81,7 @@ class Vlm:
             prompt.situation(
                 case,
                 settings,
-                asked="judge this execution.",
+                asked=prompt.ASKED["judge"],
                 goal_picture=settings.goal_picture and is_insertion,
             ),
             Judgement,
@@ -123,7 +123,7 @@ class Vlm:
         content = prompt.situation(
             case,
             self.settings,
-            asked="analyse this failure.",
+            asked=prompt.ASKED["analyse"],
             verdict=self._told(case, verdict),
         )
         answer = self._ask(case, "analyse", content, analysis_form(case.method), until)
@@ -143,7 +143,6 @@ class Vlm:
         """The executable plan; with `analysis` None the same reply holds the analysis."""
         settings = self.settings
         plan = _plan(case, settings)
-        asked = "analyse this failure, and plan" if analysis is None else "plan"
         reply = with_analysis(plan, analysis_form(case.method)) if analysis is None else plan
         most_m = settings.step_limit_mm * 1e-3
 
@@ -161,7 +160,7 @@ class Vlm:
             prompt.situation(
                 case,
                 settings,
-                asked=f"{asked} the recovery.",
+                asked=prompt.ASKED["both" if analysis is None else "plan"],
                 verdict=self._told(case, verdict),
                 analysis=analysis,
             ),
@@ -257,7 +256,7 @@ def _plan(case: Case, settings: Settings) -> type[BaseModel]:
     return bounded_plan(settings.step_limit_mm, case.method)
 
 
-def _unasked(case: Case) -> Verdict | None:
+def unasked(case: Case) -> Verdict | None:
     """The verdict that no model is asked for; None: one is. CF0 and CF1 are taken to succeed where
     the arm got there (Sec. III), and a compression stop is a failure of whatever it ended
     (Sec. V-A)."""
