@@ -412,6 +412,12 @@ PAGES: Mapping[str, Page] = {
             "python 1": Comes(says=("^approach True -", "^insertion True 0.02", "^inserted$")),
         }
     ),
+    "docs/prompts.md": Page(
+        blocks={
+            f"text {n}": Elsewhere(test="test_prompts_page.py", word="write_prompts")
+            for n in range(1, 68)
+        }
+    ),
     "docs/real-cell.md": Page(
         blocks={
             "python -c \"from importlib.resources import files; print((files('pliant') /"
