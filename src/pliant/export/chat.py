@@ -5,14 +5,13 @@ One conversation a line, as fine-tuning tools read them: `messages` of roles sys
 assistant, whose content is a list of texts and of places of pictures, and the `images` in order.
 """
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from pydantic import BaseModel
 from pydantic_ai.messages import BinaryContent, UserContent
@@ -20,7 +19,15 @@ from pydantic_ai.messages import BinaryContent, UserContent
 from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.export.labels import KINDS, Label, case_of, causes, correction, labels
-from pliant.export.output import CARD, LICENCE, filling, origin, split_rule, table
+from pliant.export.output import (
+    CARD,
+    LinesBySplit,
+    filling,
+    front_matter,
+    origin,
+    split_rule,
+    table,
+)
 from pliant.export.questions import place
 from pliant.export.source import TEST, TRAIN, Saved, Source, counts
 from pliant.formations import OWNED, RECOVERABLE, Formation
@@ -215,8 +222,8 @@ class _Writer:
     """Writer of the files while trials are added."""
 
     def __init__(self, folder: Path, stack: ExitStack, settings: Settings) -> None:
-        self._folder, self._stack, self._settings = folder, stack, settings
-        self._files: dict[str, IO[str]] = {}
+        self._folder, self._settings = folder, settings
+        self._lines = LinesBySplit(folder, stack)
         self.tally: Counter[tuple[str, str, str, str]] = Counter()  # split, method, stage, kind
 
     def add(self, saved: Saved) -> None:
@@ -239,7 +246,7 @@ class _Writer:
                 "seed": trial.seed,
                 "execution": label.execution.index,
             }
-            self._file(saved.split).write(json.dumps(line, ensure_ascii=False) + "\n")
+            self._lines.add(saved.split, line)
             self.tally[saved.split, trial.method, told.stage, told.kind] += 1
 
     def conversations(self) -> dict[str, int]:
@@ -258,12 +265,6 @@ class _Writer:
         images.append(name)
         return {"type": "image"}
 
-    def _file(self, split: str) -> IO[str]:
-        if split not in self._files:
-            path = self._folder / f"{split}.jsonl"
-            self._files[split] = self._stack.enter_context(path.open("w", encoding="utf-8"))
-        return self._files[split]
-
 
 def _text(text: str) -> Mapping[str, str]:
     return {"type": "text", "text": text}
@@ -274,20 +275,7 @@ def _card(source: Source, writer: _Writer) -> str:
     present = [split for split in (TRAIN, TEST) if found[split]]
     rows = sorted({key[1:] for key in writer.tally}, key=lambda k: (k[0], STAGES.index(k[1]), k[2]))
     lines = [
-        "---",
-        f"license: {LICENCE}",
-        "task_categories:",
-        "- image-text-to-text",
-        "tags:",
-        "- robotics",
-        "- peg-in-hole",
-        "- failure-recovery",
-        "configs:",
-        "- config_name: default",
-        "  data_files:",
-        *[f"  - {{split: {split}, path: {split}.jsonl}}" for split in present],
-        "---",
-        "",
+        *front_matter("image-text-to-text", present),
         "# Judge, analyse, plan: conversations about peg insertion",
         "",
         "Each line is one request as pliant sends it to a model, word for word, with its pictures,"

@@ -7,10 +7,17 @@ from collections import Counter
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import IO
 
 from pliant.errors import InputError
-from pliant.export.output import CARD, LICENCE, filling, origin, split_rule, table
+from pliant.export.output import (
+    CARD,
+    LinesBySplit,
+    filling,
+    front_matter,
+    origin,
+    split_rule,
+    table,
+)
 from pliant.export.questions import TYPES, asked, context
 from pliant.export.source import TEST, TRAIN, Saved, Source, counts
 from pliant.store import PICTURES, Pictures, load_trial
@@ -44,8 +51,7 @@ class _Writer:
     in it."""
 
     def __init__(self, folder: Path, stack: ExitStack) -> None:
-        self._folder, self._stack = folder, stack
-        self._files: dict[str, IO[str]] = {}
+        self._folder, self._lines = folder, LinesBySplit(folder, stack)
         self._asked: set[str] = set()
         self._pictures: dict[str, str] = {}  # the split that each belongs to
         self.tally: Counter[tuple[str, str, str]] = Counter()  # split, type, category
@@ -83,7 +89,7 @@ class _Writer:
                         "by": label.execution.verdict.by,
                     },
                 }
-                self._file(saved.split).write(json.dumps(line, ensure_ascii=False) + "\n")
+                self._lines.add(saved.split, line)
                 self.tally[saved.split, question.type, question.category] += 1
 
     def questions(self) -> dict[str, int]:
@@ -92,31 +98,12 @@ class _Writer:
             for split in (TRAIN, TEST)
         }
 
-    def _file(self, split: str) -> IO[str]:
-        if split not in self._files:
-            path = self._folder / f"{split}.jsonl"
-            self._files[split] = self._stack.enter_context(path.open("w", encoding="utf-8"))
-        return self._files[split]
-
 
 def _card(source: Source, writer: _Writer) -> str:
     trials, asked_in = counts(source.saved), writer.questions()
     present = [split for split in (TRAIN, TEST) if asked_in[split]]
     lines = [
-        "---",
-        f"license: {LICENCE}",
-        "task_categories:",
-        "- visual-question-answering",
-        "tags:",
-        "- robotics",
-        "- peg-in-hole",
-        "- failure-recovery",
-        "configs:",
-        "- config_name: default",
-        "  data_files:",
-        *[f"  - {{split: {split}, path: {split}.jsonl}}" for split in present],
-        "---",
-        "",
+        *front_matter("visual-question-answering", present),
         "# Did it fail, how, where, why, and what now? Questions about peg insertion",
         "",
         "One question a line, with the picture that a reasoner saw when the execution had ended,"

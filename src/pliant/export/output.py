@@ -1,10 +1,12 @@
 """The output of an export: a new folder, whole or not at all, with a card that says what it is."""
 
+import json
 import secrets
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import IO, Any
 
 from pliant.errors import InputError
 from pliant.export.source import HELD_OUT, Source
@@ -69,6 +71,40 @@ def origin(source: Source) -> list[str]:
         "- Licence: Apache-2.0, for the data as for the code",
         "- Everything is simulated (MuJoCo); the arm's and the gripper's meshes come from MuJoCo"
         " Menagerie.",
+    ]
+
+
+class LinesBySplit:
+    """A file of JSON lines for each split, made when its first line comes."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self._folder, self._stack = folder, stack
+        self._files: dict[str, IO[str]] = {}
+
+    def add(self, split: str, line: Mapping[str, Any]) -> None:
+        if split not in self._files:
+            path = self._folder / f"{split}.jsonl"
+            self._files[split] = self._stack.enter_context(path.open("w", encoding="utf-8"))
+        self._files[split].write(json.dumps(line, ensure_ascii=False) + "\n")
+
+
+def front_matter(category: str, splits: Sequence[str]) -> list[str]:
+    """The head of a card of JSON lines, as hubs of data sets read it."""
+    return [
+        "---",
+        f"license: {LICENCE}",
+        "task_categories:",
+        f"- {category}",
+        "tags:",
+        "- robotics",
+        "- peg-in-hole",
+        "- failure-recovery",
+        "configs:",
+        "- config_name: default",
+        "  data_files:",
+        *[f"  - {{split: {split}, path: {split}.jsonl}}" for split in splits],
+        "---",
+        "",
     ]
 
 

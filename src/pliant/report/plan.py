@@ -50,6 +50,9 @@ def _analysis(analysis: FailureAnalysis, by: str) -> Html:
         ("motion", words.goal(analysis.motion) or "none"),
         ("by", by),
     ]
+    if analysis.changes:
+        told = "; ".join(f"{f} {words.goal(by)}" for f, by in analysis.changes.items())
+        pairs.insert(4, ("change of each goal", told))
     return facts(pairs)
 
 
