@@ -190,7 +190,7 @@ def test_the_first_request_is_small_and_shows_a_picture_as_every_other_does() ->
     assert "data:image/png;base64" in said
     assert len(said) < 5000
     assert received.body["response_format"]["type"] == "json_schema"
-    assert received.body["max_tokens"] == 1000
+    assert received.body["max_tokens"] == 8000
     assert str(found).endswith("960 tokens")
 
 
