@@ -156,7 +156,10 @@ def test_a_silent_model_is_given_up_with_the_reason_for_its_silence() -> None:
     with loopback(answering(404, {"error": "no such model"})) as server:
         mind = vlm(Settings(model="small", base_url=server.base_url, picture=False))
         told = [mind.judge(case).fallback for _ in range(4)][-1]
-    assert told == "not asked: the model was silent 3 times in a row, last for 404: no such model"
+    assert told == (
+        "not asked: the model was silent 3 times in a row, last for 404: no such model; see that"
+        " --model and the address are right"
+    )
 
 
 def test_the_package_that_a_socks_proxy_needs_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

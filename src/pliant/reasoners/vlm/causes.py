@@ -26,6 +26,7 @@ from pliant.reasoners.vlm.words import one_line
 _SOON = (408, 409, 425)  # refusals of the moment, whatever the request is
 _SAY = ("message", "error", "detail", "msg", "errors")  # where servers put their words
 
+NO_KEY = "no key was sent"
 _MOST_TOLD = 300  # characters of a server's words, so that the advice has room
 _DO = {
     401: "see that the key is this server's",
@@ -52,9 +53,10 @@ def why(error: BaseException, base_url: str | None = None) -> str:
     if isinstance(error, ModelHTTPError) and not 300 <= error.status_code < 400:
         meant = error.suggested_model_id
         told = one_line(said(error.body))[:_MOST_TOLD] or "no reason given"
-        advice = [f"did you mean {meant}?"] if meant else _advice(error)
-        notes = getattr(error, "__notes__", [])
-        return one_line("; ".join([f"{error.status_code}: {told}", *notes, *advice]))
+        more = list(getattr(error, "__notes__", ()))
+        more += [f"did you mean {meant}?"] if meant else _advice(error)
+        told = told.rstrip(".") if more else told
+        return one_line("; ".join([f"{error.status_code}: {told}", *more]))
     if isinstance(error, ModelConnectionError):
         place = f" to {address(base_url)}" if base_url else ""
         return one_line(f"connection{place} failed: {_systems(error)}")
@@ -69,6 +71,8 @@ def why(error: BaseException, base_url: str | None = None) -> str:
 
 def _advice(error: ModelHTTPError) -> list[str]:
     """Advice that goes beyond the server's words; empty: none."""
+    if error.retry_after is not None or NO_KEY in str(error.body):
+        return []
     if isinstance(error, ModelQuotaExceededError):
         return ["waiting does not help: see the account's billing and limits"]
     return [_DO[error.status_code]] if error.status_code in _DO else []

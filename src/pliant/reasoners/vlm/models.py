@@ -14,7 +14,7 @@ from pydantic_ai.settings import ModelSettings
 
 from pliant.errors import InputError
 from pliant.network import keep_direct, origin
-from pliant.reasoners.vlm.causes import address, refusal, said
+from pliant.reasoners.vlm.causes import NO_KEY, address, refusal, said
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Replayer
 from pliant.reasoners.vlm.words import one_line
@@ -230,16 +230,15 @@ def _served(name: str, base_url: str) -> Model:
         raise InputError(
             f"OPENAI_CUSTOM_HEADERS is set, and its headers would be sent to {base_url}: unset it"
         )
-    key, is_for = os.environ.get(KEY), _key_is_for()
-    if key and is_for is None:
+    given, is_for = os.environ.get(KEY), _key_is_for()
+    if given and is_for is None:
         raise InputError(
             f"{KEY} is set, and not for which server, so that any could get it: set {KEY_FOR}"
             f" to the address it is for, such as {address(base_url)}, or unset {KEY}"
         )
-    if is_for != origin(base_url):
-        key = None
-    whose = f"{KEY} is for {address(is_for)}" if is_for else f"{KEY} is not set"
-    withheld = f"no key was sent to {address(base_url)}: {whose} (and {KEY_FOR} says for which)"
+    key = given if is_for == origin(base_url) else None
+    whose = f"{KEY} is for {address(is_for)}" if is_for and given else f"{KEY} is not set"
+    withheld = f"{NO_KEY} to {address(base_url)}: {whose} (and {KEY_FOR} says for which)"
     keep_direct(base_url)
     return Served(
         name,

@@ -161,7 +161,10 @@ class Wire(WrapperModel):
                 left = self.until - time.monotonic()
                 if pause >= left:
                     if asked is not None:
-                        error.add_note(f"wait {asked:.0f} s, it says; this decision has {left:.0f}")
+                        error.add_note(
+                            f"it says to wait {asked:.0f} s, and this decision has {left:.0f} s"
+                            " left: --deadline-s allows more"
+                        )
                     raise
                 await asyncio.sleep(pause)
         raise AssertionError("the last try returns or raises")
