@@ -20,7 +20,7 @@ from pliant.reasoners.vlm.settings import Effort, Output, Settings
 KEYS = ("GOOGLE_API_KEY", "ANTHROPIC_API_KEY", "OPENAI_API_KEY", "PLIANT_VLM_KEY")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Family:
     """A class of models at a provider, and the settings that it is asked with. `forces`: the form
     that is wanted can be chosen for it."""

@@ -14,7 +14,7 @@ import re
 from dataclasses import dataclass
 
 from loopback import Fields, Received
-from strict import Asked, Refused, Said, Usage, common, header, known, picture, written
+from strict import Asked, Refused, Said, Usage, common, header, picture, written
 
 TOP = frozenset(
     {
@@ -93,7 +93,7 @@ def camel(name: str) -> str:
 
 
 def unknown_in(body: Fields, names: frozenset[str], where: str = "") -> None:
-    if (name := known({camel(name): 0 for name in body}, names)) is not None:
+    if (name := next((name for name in body if camel(name) not in names), None)) is not None:
         place = f' at "{where}"' if where else ""
         raise bad(
             f'Invalid JSON payload received. Unknown name "{name}"{place}: Cannot find field.'
@@ -143,6 +143,7 @@ class Gemini:
             frozenset({"includeThoughts", "thinkingBudget", "thinkingLevel"}),
             "generation_config.thinking_config",
         )
+        told = {camel(name): value for name, value in told.items()}
         if told and model.startswith(("gemini-1", "gemini-2.0")):
             raise bad("Thinking is not enabled for this model.")
         if {"thinkingBudget", "thinkingLevel"} <= set(told):

@@ -221,6 +221,12 @@ class Chat:
                     pictures.append(data_url(part["image_url"]["url"]))
                 else:
                     raise bad(f"Invalid content type '{part['type']}' for role '{role}'.")
+        if waiting:
+            raise bad(
+                "An assistant message with 'tool_calls' must be followed by tool messages"
+                " responding to each 'tool_call_id'.",
+                "messages",
+            )
         return "\n".join(words), tuple(pictures)
 
     def cached(self, asked: Asked, earlier: list[Asked]) -> Usage:
