@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 from anthropic_rules import Messages
+from documents import ROOT
 from families import Family, asked
 from google_rules import Gemini
 from openai_rules import Chat, Responses
@@ -134,6 +135,12 @@ def test_each_refusal_is_told_in_one_line_with_its_cause(family: Family, way: Wa
     assert "\n" not in told
     assert len(told) <= 300
     assert requests == way.requests
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+def test_the_documentation_shows_each_line(way: Way) -> None:
+    page = (ROOT / "docs" / "how-to" / "providers.md").read_text(encoding="utf-8")
+    assert f"| {way.name} | {way.reads}" in page
 
 
 if __name__ == "__main__":
