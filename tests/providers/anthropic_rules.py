@@ -1,13 +1,12 @@
 """The rules of Anthropic's Messages API.
 
-Fields: https://docs.claude.com/en/api/messages, of which the client's own types are generated.
-Thinking (no temperature, no forced tool, budget below `max_tokens`; newer classes adapt alone):
-https://docs.claude.com/en/docs/build-with-claude/extended-thinking and …/adaptive-thinking. Forcing
-a tool: https://docs.claude.com/en/docs/agents-and-tools/tool-use/implement-tool-use.
-Cache (order tools, system, messages; at most four marks; least length by class):
-https://docs.claude.com/en/docs/build-with-claude/prompt-caching. Roles:
-https://docs.claude.com/en/docs/build-with-claude/mid-conversation-system-messages.
-Pictures: https://docs.claude.com/en/docs/build-with-claude/vision. Errors: https://docs.claude.com/en/api/errors.
+Fields: https://platform.claude.com/docs/en/api/messages, of which the client's own types are
+generated. The rest below https://platform.claude.com/docs/en/build-with-claude/: extended-thinking
+(no temperature, no forced tool, a budget below `max_tokens`), adaptive-thinking and effort (newer
+classes), prompt-caching (in the order tools, system, messages; at most four marks; least length by
+class), mid-conversation-system-messages (roles), vision (pictures). Forcing a tool:
+https://platform.claude.com/docs/en/agents-and-tools/tool-use/implement-tool-use. Errors:
+https://platform.claude.com/docs/en/api/errors.
 """
 
 import re
@@ -16,7 +15,7 @@ from typing import get_type_hints
 
 from anthropic.types.beta.message_create_params import MessageCreateParamsNonStreaming
 from loopback import Fields, Received
-from strict import Asked, Refused, Said, Usage, header, known, picture, tokens, written
+from strict import Asked, Refused, Said, Usage, header, known, marked, picture, written
 
 SAMPLING = frozenset({"temperature", "top_p", "top_k"})  # of older classes
 FIELDS = (frozenset(get_type_hints(MessageCreateParamsNonStreaming)) | SAMPLING) - {"betas"}
@@ -25,7 +24,12 @@ NOT_FORCED = ("claude-opus-5-5", "claude-sonnet-5-5")
 THINKS = NEWER
 SPEAK = ("user", "assistant")
 SYSTEM = ("claude-opus-4-8", "claude-opus-5", "claude-sonnet-5-5", "claude-haiku-5-5")
-LEAST = {"claude-haiku-4-5": 4096, "claude-opus-4-5": 4096}  # tokens; else 1,024
+LEAST = {  # tokens; else 1,024
+    "claude-haiku-4-5": 4096,
+    "claude-opus-4-5": 4096,
+    "claude-opus-4-6": 4096,
+    "claude-opus-4-7": 2048,
+}
 PICTURES = ("image/png", "image/jpeg", "image/gif", "image/webp")
 KINDS = {
     400: "invalid_request_error",
@@ -201,12 +205,7 @@ class Messages:
 
     def cached(self, asked: Asked, earlier: list[Asked]) -> Usage:
         least = next((n for name, n in LEAST.items() if asked.model.startswith(name)), 1024)
-        stored = {one.prefix[:mark] for one in earlier for mark in one.marks}
-        usable = [m for m in asked.marks if tokens(asked.prefix[:m]) >= least]
-        found = max((m for m in usable if asked.prefix[:m] in stored), default=0)
-        last = max(usable, default=0)
-        read, written = tokens(asked.prefix[:found]), tokens(asked.prefix[found:last])
-        return Usage(sent=tokens(asked.prefix), read=read, written=written)
+        return marked(asked, earlier, least=least)
 
     def reply(self, asked: Asked, said: Said, usage: Usage) -> Fields:
         content: list[Fields] = []

@@ -48,6 +48,8 @@ FAMILIES = [
     Family("openai-chat:gpt-4o", Chat(), {"output": Output.NATIVE}),
     Family("openai:gpt-4o", Responses()),
     Family("openai:gpt-5-mini", Responses(), {"effort": Effort.LOW}),
+    Family("openai:gpt-5.6-sol", Responses(), {"effort": Effort.MEDIUM}),
+    Family("openai-chat:gpt-5.6-sol", Chat()),
     Family("openai:o3", Responses(), {"output": Output.PROMPTED}),
     Family("anthropic:claude-haiku-4-5", Messages()),
     Family("anthropic:claude-haiku-4-5", Messages(), {"effort": Effort.HIGH}, forces=False),

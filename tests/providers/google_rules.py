@@ -78,7 +78,8 @@ STATES = {
     500: "INTERNAL",
     529: "UNAVAILABLE",
 }
-LEAST = {"gemini-2.5-flash": 1024, "gemini-3-flash": 1024}  # tokens; else 4,096
+SIGNS = ("gemini-3", "gemini-4")  # each first call of a turn
+LEAST = {"gemini-2.5": 2048}  # tokens; else 4,096
 
 
 def bad(message: str) -> Refused:
@@ -149,7 +150,7 @@ class Gemini:
         if {"thinkingBudget", "thinkingLevel"} <= set(told):
             raise bad("You can only set only one of thinking budget and thinking level.")
         if "thinkingLevel" in told:
-            if not model.startswith("gemini-3"):
+            if model.startswith("gemini-2"):
                 raise bad("Thinking level is not supported for this model.")
             if told["thinkingLevel"].upper() not in ("MINIMAL", "LOW", "MEDIUM", "HIGH"):
                 raise bad("Invalid value at 'generation_config.thinking_config.thinking_level'")
@@ -209,7 +210,7 @@ class Gemini:
                           " number of function call parts of the function call turn.")  # fmt: skip
             called = [part for part in content["parts"] if "functionCall" in part]
             calls = len(called)
-            if called and model.startswith("gemini-3") and "thoughtSignature" not in called[0]:
+            if called and model.startswith(SIGNS) and "thoughtSignature" not in called[0]:
                 raise bad("Function call is missing a thought_signature in functionCall parts.")
             for part in content["parts"]:
                 unknown_in(part, PART, f"contents[{n}].parts[0]")
@@ -240,7 +241,7 @@ class Gemini:
             parts.append({"text": said.words})
         if said.tool:
             call: Fields = {"functionCall": {"name": said.tool, "args": said.fields}}
-            if asked.model.startswith("gemini-3"):
+            if asked.model.startswith(SIGNS):
                 call["thoughtSignature"] = "c2ln"
             parts.append(call)
         finish = {"done": "STOP", "length": "MAX_TOKENS", "refusal": "SAFETY"}[said.end]

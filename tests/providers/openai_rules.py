@@ -2,12 +2,12 @@
 
 Fields: https://platform.openai.com/docs/api-reference/chat/create and …/responses/create, of which
 the client's own types are generated. Reasoning models (temperature, `max_tokens`, efforts):
-https://platform.openai.com/docs/guides/reasoning. Schemas with `strict`:
-https://platform.openai.com/docs/guides/structured-outputs#supported-schemas, where lengths of texts
-are not listed but taken: https://github.com/pydantic/pydantic-ai/pull/4490. Pictures:
-https://platform.openai.com/docs/guides/images-vision. Cache (from 1,024 tokens, in steps of 128):
-https://platform.openai.com/docs/guides/prompt-caching. Errors:
-https://platform.openai.com/docs/guides/error-codes.
+https://developers.openai.com/api/docs/guides/reasoning. Schemas with `strict`:
+https://developers.openai.com/api/docs/guides/structured-outputs, where lengths of texts are not
+listed but taken: https://github.com/pydantic/pydantic-ai/pull/4490. Pictures:
+https://developers.openai.com/api/docs/guides/images-vision. Cache (from 1,024 tokens, in steps of
+128; from GPT-5.6 on up to marks): https://developers.openai.com/api/docs/guides/prompt-caching.
+Errors: https://developers.openai.com/api/docs/guides/error-codes.
 """
 
 import json
@@ -18,12 +18,29 @@ from typing import Any, get_type_hints
 from loopback import Fields, Received
 from openai.types.chat.completion_create_params import CompletionCreateParamsNonStreaming
 from openai.types.responses.response_create_params import ResponseCreateParamsNonStreaming
-from strict import Asked, Refused, Said, Usage, common, header, known, picture, walk, written
+from strict import (
+    Asked,
+    Refused,
+    Said,
+    Usage,
+    common,
+    header,
+    known,
+    marked,
+    picture,
+    walk,
+    written,
+)
 
 NAME = re.compile(r"[a-zA-Z0-9_-]{1,64}")
 PICTURES = ("image/png", "image/jpeg", "image/gif", "image/webp")
 REASONS = re.compile(r"(o[134]|gpt-5(?!-chat))")
-EFFORTS = {"o": ("low", "medium", "high"), "gpt-5": ("minimal", "low", "medium", "high")}
+EFFORTS = {
+    "o": ("low", "medium", "high"),
+    "gpt-5.6": ("none", "low", "medium", "high", "xhigh"),
+    "gpt-5": ("minimal", "low", "medium", "high"),
+}
+MARKS = "gpt-5.6"  # from here on a client may say what is to be cached
 SAMPLING = ("top_p", "presence_penalty", "frequency_penalty", "logprobs", "logit_bias")
 NOT_STRICT = (
     "allOf", "oneOf", "not", "dependentRequired", "dependentSchemas", "if", "then", "else",
@@ -31,6 +48,7 @@ NOT_STRICT = (
     "contains", "minContains", "maxContains", "uniqueItems", "default",
 )  # fmt: skip
 CHAT = frozenset(get_type_hints(CompletionCreateParamsNonStreaming))
+REASONING = frozenset({"effort", "summary", "generate_summary", "context", "mode"})
 RESPONSES = frozenset(get_type_hints(ResponseCreateParamsNonStreaming))
 
 
@@ -79,7 +97,7 @@ def data_url(url: Any) -> bytes:
 def check_effort(model: str, effort: Any, name: str) -> None:
     if not REASONS.match(model):
         raise unsupported(name)
-    taken = EFFORTS["o" if model.startswith("o") else "gpt-5"]
+    taken = next(efforts for prefix, efforts in EFFORTS.items() if model.startswith(prefix))
     if effort not in taken:
         raise bad(
             f"Unsupported value: '{name}' does not support '{effort}' with this model. Supported"
@@ -122,13 +140,27 @@ class Chat:
             pictures=pictures,
             text=text,
             prefix=self.prefix(body),
+            marks=self.marks(body),
             model=model,
             effort=str(body.get("reasoning_effort", "")),
         )
 
     def prefix(self, body: Fields) -> str:
         """Tools and schema come before the words."""
-        return written([body.get("tools"), body.get("response_format"), body["messages"]])
+        form = body.get("response_format") or body.get("text", {}).get("format")
+        words = body["messages"] if "messages" in body else body["input"]
+        return written([body.get("tools"), form, body.get("instructions"), words])
+
+    def marks(self, body: Fields) -> tuple[int, ...]:
+        """Where the client marks the prefix; none: the cache works by itself."""
+        mode = body.get("prompt_cache_options", {}).get("mode")
+        text = self.prefix(body)
+        at = tuple(match.end() for match in re.finditer('"prompt_cache_breakpoint"', text))
+        if (mode or at) and not str(body["model"]).startswith(MARKS):
+            raise unsupported("prompt_cache_options")
+        if mode not in (None, "implicit", "explicit"):
+            raise bad("Invalid value: 'prompt_cache_options.mode'.")
+        return at if mode == "explicit" else ()
 
     def check_request(self, received: Received) -> None:
         body, model = received.body, str(received.body.get("model"))
@@ -230,6 +262,8 @@ class Chat:
         return "\n".join(words), tuple(pictures)
 
     def cached(self, asked: Asked, earlier: list[Asked]) -> Usage:
+        if asked.marks:
+            return marked(asked, earlier, least=1024)
         return common(asked, earlier, least=1024, step=128)
 
     def reply(self, asked: Asked, said: Said, usage: Usage) -> Fields:
@@ -253,7 +287,11 @@ class Chat:
                 "prompt_tokens": usage.sent,
                 "completion_tokens": usage.received,
                 "total_tokens": usage.sent + usage.received,
-                "prompt_tokens_details": {"cached_tokens": usage.read, "audio_tokens": 0},
+                "prompt_tokens_details": {
+                    "cached_tokens": usage.read,
+                    "cache_write_tokens": usage.written,
+                    "audio_tokens": 0,
+                },
                 "completion_tokens_details": {"reasoning_tokens": usage.thoughts},
             },
         }
@@ -278,8 +316,11 @@ class Responses(Chat):
         for name in ("temperature", "top_p"):
             if name in body and REASONS.match(model):
                 raise unsupported(name)
-        effort = body.get("reasoning", {}).get("effort", "")
-        if "reasoning" in body:
+        reasoning = body.get("reasoning", {})
+        if (unknown := known(reasoning, REASONING)) is not None:
+            raise bad(f"Unknown parameter: 'reasoning.{unknown}'.", code="unknown_parameter")
+        effort = reasoning.get("effort", "")
+        if "effort" in reasoning:
             check_effort(model, effort, "reasoning.effort")
         if body.get("max_output_tokens", 16) < 16:
             raise bad("Invalid 'max_output_tokens': integer below minimum value.")
@@ -292,13 +333,13 @@ class Responses(Chat):
         if form.get("type") == "json_schema" and form.get("strict"):
             check_schema(form["schema"], f"response_format '{form['name']}'")
         text, pictures = self.items(body["input"])
-        prefix = written([body.get("tools"), form, body.get("instructions"), body["input"]])
         return Asked(
             tools=tuple(tools),
             choice=self.named(body, tuple(tools)),
             pictures=pictures,
             text=text,
-            prefix=prefix,
+            prefix=self.prefix(body),
+            marks=self.marks(body),
             model=model,
             effort=str(effort),
         )
@@ -381,7 +422,10 @@ class Responses(Chat):
                 "input_tokens": usage.sent,
                 "output_tokens": usage.received,
                 "total_tokens": usage.sent + usage.received,
-                "input_tokens_details": {"cached_tokens": usage.read, "cache_write_tokens": 0},
+                "input_tokens_details": {
+                    "cached_tokens": usage.read,
+                    "cache_write_tokens": usage.written,
+                },
                 "output_tokens_details": {"reasoning_tokens": usage.thoughts},
             },
         }

@@ -157,6 +157,19 @@ def common(asked: Asked, earlier: list[Asked], *, least: int, step: int = 1) -> 
     return Usage(sent=tokens(asked.prefix), read=read)
 
 
+def marked(asked: Asked, earlier: list[Asked], *, least: int) -> Usage:
+    """The usage with a cache that holds what was marked, where it is long enough."""
+    stored = {one.prefix[:mark] for one in earlier for mark in one.marks}
+    usable = [m for m in asked.marks if tokens(asked.prefix[:m]) >= least]
+    found = max((m for m in usable if asked.prefix[:m] in stored), default=0)
+    last = max(usable, default=0)
+    return Usage(
+        sent=tokens(asked.prefix),
+        read=tokens(asked.prefix[:found]),
+        written=tokens(asked.prefix[:last]) - tokens(asked.prefix[:found]),
+    )
+
+
 def written(node: Any) -> str:
     """A part of a request as the text that a cache goes by; a picture is its hash, and counts as
     about 1,000 characters."""

@@ -78,6 +78,8 @@ def tokens(family: Family) -> list[tuple[int, int, int]]:
 CACHED = [
     Family("openai-chat:gpt-4o", Chat()),
     Family("openai:gpt-5", Responses(), {"effort": Effort.LOW}),
+    Family("openai:gpt-5.6-sol", Responses()),
+    Family("openai-chat:gpt-5.6-sol", Chat()),
     Family("google:gemini-2.5-flash", Gemini()),
     Family("small", Vllm()),
     Family("small", LlamaCpp()),
@@ -97,8 +99,16 @@ def test_each_stage_after_the_first_reads_what_is_the_same_from_the_cache(family
         assert sent - read < 600  # the question, and what a form adds
 
 
-def test_a_class_marks_what_is_the_same_where_its_provider_wants_it_marked() -> None:
-    first, *later = tokens(Family("anthropic:claude-haiku-4-5", Messages()))
+@pytest.mark.parametrize(
+    "family",
+    [
+        Family("anthropic:claude-haiku-4-5", Messages()),
+        Family("openai:gpt-5.6-sol", Responses()),
+    ],
+    ids=str,
+)
+def test_what_is_the_same_is_marked_where_a_class_wants_it_marked(family: Family) -> None:
+    first, *later = tokens(family)
     assert first[2] == later[0][1] == later[1][1]  # written once, read twice
 
 
