@@ -11,14 +11,14 @@ https://platform.claude.com/docs/en/api/errors.
 
 import re
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from typing import get_type_hints
 
-from anthropic.types.beta.message_create_params import MessageCreateParamsNonStreaming
 from loopback import Fields, Received
 from strict import Asked, Refused, Said, Usage, header, known, marked, picture, written
 
 SAMPLING = frozenset({"temperature", "top_p", "top_k"})  # of older classes
-FIELDS = (frozenset(get_type_hints(MessageCreateParamsNonStreaming)) | SAMPLING) - {"betas"}
 NEWER = ("claude-opus-5", "claude-sonnet-5", "claude-haiku-5-5")  # no sampling, no thoughts budget
 NOT_FORCED = ("claude-opus-5-5", "claude-sonnet-5-5")
 THINKS = NEWER
@@ -44,6 +44,15 @@ KINDS = {
 NAME = re.compile(r"[a-zA-Z0-9_-]{1,128}")
 
 
+@cache
+def fields() -> frozenset[str]:
+    """The fields of a request, from the client's own types; it is not installed everywhere."""
+    params = import_module("anthropic.types.beta.message_create_params")
+    return (frozenset(get_type_hints(params.MessageCreateParamsNonStreaming)) | SAMPLING) - {
+        "betas"
+    }
+
+
 def bad(message: str) -> Refused:
     return Refused(400, message)
 
@@ -64,7 +73,7 @@ class Messages:
             raise Refused(401, "invalid x-api-key")
         if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", header(received, "anthropic-version")):
             raise bad("anthropic-version: header is required")
-        if (unknown := known(body, FIELDS)) is not None:
+        if (unknown := known(body, fields())) is not None:
             raise bad(f"{unknown}: Extra inputs are not permitted")
         if not isinstance(body.get("max_tokens"), int):
             raise bad("max_tokens: Field required")
