@@ -29,6 +29,7 @@ from pliant.sim.cell import SimCell, SimRobot
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.trial import Patience, Run
+from pliant.vision.measure import Colours
 from pliant.vision.scene import Scene
 from pliant.vision.sight import ByColour, Sight
 
@@ -75,6 +76,10 @@ class Lying:
     sight: Sight
     surface: float
     along: float
+
+    @property
+    def colours(self) -> Colours | None:
+        return self.sight.colours
 
     def __call__(self, observation: Observation) -> Scene:
         scene = self.sight(observation)

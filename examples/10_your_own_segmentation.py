@@ -42,6 +42,8 @@ def codes(image: np.ndarray) -> np.ndarray:
 class Learned:
     """Pixels whose colour is more frequent where the thing surely is than where it cannot be."""
 
+    colours = None  # nobody tells it any
+
     def __init__(self) -> None:
         self._measured = ByColour(TASK)
         self._is: dict[str, np.ndarray] = {}  # whether each colour is the peg's, the block's

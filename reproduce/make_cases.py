@@ -50,7 +50,7 @@ from pliant.teaching import shipped
 from pliant.vision.scene import Scene
 
 SEED = 1
-PEGS = ("circle", "square", "rectangle")
+PEGS = ("circle", "square", "rectangle_narrow")
 MOST_EXECUTIONS = 14  # watched of one trial
 MOST_CASES = 4  # taken from one trial, each of another kind or outcome
 NEARLY_M = 0.0025  # from the criterion of depth

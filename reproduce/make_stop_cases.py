@@ -73,7 +73,7 @@ STOPS = tuple(n for n, v in shipped_levels().items() if v.is_scenario and v.righ
 FAILS_SELDOM = ("L3", "L5", "L5+", "L6", "L6+", "L8")  # where a reasoner must waver more
 NEAR_MISSES = ("bar_beside", "lying_camera")
 PLANAR = (("rules", RASH), ("messages", FAR), ("sweep", FAR), ("retry", RASH))
-PEGS = ("circle", "square", "rectangle")
+PEGS = ("circle", "square", "rectangle_narrow")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Table II, 16 cells of 400 trials: reproduce/table2.sh [OUT] [options of pliant experiment]
+# Table II, 20 cells of 400 trials: reproduce/table2.sh [OUT] [options of pliant experiment]
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-runs/table2}

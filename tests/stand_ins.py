@@ -35,7 +35,7 @@ from pliant.vision.measure import measure
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
 from pliant.wrist import SensorAnswer
 
-PEGS = ("circle", "square", "rectangle")
+PEGS = ("circle", "square", "rectangle_narrow")
 ANSWERS = SensorAnswer(slope=1.0, sd=0.0)
 UNSEEN = Scene(peg=None, hole=None, problems=("no peg: scripted", "no hole: scripted"))
 

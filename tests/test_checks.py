@@ -27,7 +27,7 @@ from pliant.task import Task, load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Across, Measured, Scene
 
-CIRCLE, RECTANGLE = load_task("circle"), load_task("rectangle")
+CIRCLE, RECTANGLE = load_task("circle"), load_task("rectangle_narrow")
 FORMATIONS = st.sampled_from(list(Formation))
 SMALL = 1e-6
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from stand_ins import outcome_of, prepared, scene_of
 
-from pliant.cell import Truth
+from pliant.cell import Observation, Truth
 from pliant.conditions import NOMINAL, QUANTITIES, Condition, Setup, condition
 from pliant.experiment.misread import MISREAD_BY, Misread
 from pliant.formations import Formation
@@ -23,6 +23,7 @@ from pliant.sim.looks import looks_of
 from pliant.sim.model import PEG
 from pliant.sim.setup import STRIKE_S
 from pliant.task import load_task
+from pliant.vision.scene import Scene
 
 SPEED, LIMIT = 0.05, 0.02
 
@@ -144,6 +145,17 @@ def test_a_stale_picture_is_the_one_before_and_its_time_tells() -> None:
     assert all(views[n][1] is views[n - 1][1] for n in stale)
 
 
+@dataclass(frozen=True)
+class Same:
+    """A sight that always measures the same."""
+
+    scene: Scene
+    colours = None
+
+    def __call__(self, observation: Observation) -> Scene:
+        return self.scene
+
+
 def test_a_misread_hole_is_10_mm_aside_in_pixels_too_and_as_often_as_drawn() -> None:
     scene = scene_of(hole_y=0.004)
     assert scene.hole is not None
@@ -152,9 +164,9 @@ def test_a_misread_hole_is_10_mm_aside_in_pixels_too_and_as_often_as_drawn() -> 
     scene = replace(scene, hole=hole)
     setup = Setup(seed=3, misread=0.2)
     look = outcome_of(Formation.FIT).looks[-1].observation
-    misread = Misread(lambda _: scene, setup)
+    misread = Misread(Same(scene), setup)
     read = [misread(look).hole for _ in range(400)]
-    again = Misread(lambda _: scene, setup)
+    again = Misread(Same(scene), setup)
     assert [again(look).hole for _ in range(400)] == read
     off = [seen.y.value - 0.004 for seen in read if seen is not None]
     wrong = [o for o in off if o]
@@ -162,7 +174,7 @@ def test_a_misread_hole_is_10_mm_aside_in_pixels_too_and_as_often_as_drawn() -> 
     assert {round(o, 9) for o in wrong} == {MISREAD_BY, -MISREAD_BY}
     shifted = next(seen for seen in read if seen is not None and seen.y.value > 0.01)
     assert shifted.center_px[0] - hole.center_px[0] == pytest.approx(0.01 / 0.12 * 200)
-    assert Misread(lambda _: scene, Setup(seed=3))(look) is scene
+    assert Misread(Same(scene), Setup(seed=3))(look) is scene
 
 
 # --- strikes -----------------------------------------------------------------------------------

@@ -165,7 +165,7 @@ def test_the_command_exports_and_refuses_in_one_line(
     refused = export()
     assert refused.returncode == 2
     assert refused.stderr.count("\n") == 1
-    assert "--lerobot, --failure-qa or --rerun" in refused.stderr
+    assert "--lerobot, --failure-qa, --chat or --rerun" in refused.stderr
 
 
 # --- questions about failures ------------------------------------------------------------------

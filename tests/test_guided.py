@@ -162,7 +162,7 @@ def test_a_tight_hole_is_entered_without_any_recovery() -> None:
 
 
 def test_the_same_seed_gives_the_same_guided_trial() -> None:
-    one, other = (inserted("L1", "rectangle", 9002) for _ in range(2))
+    one, other = (inserted("L1", "rectangle_narrow", 9002) for _ in range(2))
     targets = [[e.outcome.target for e in trial.executions] for trial in (one, other)]
     assert targets[0] == targets[1]
     assert one.truths == other.truths

@@ -12,6 +12,7 @@ import pliant
 from pliant.belief import Belief
 from pliant.cell import Truth
 from pliant.conditions import Setup, condition
+from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.experiment import decides
 from pliant.experiment.one import Spec, composed, perform
@@ -112,7 +113,7 @@ def test_a_model_is_not_asked_about_a_method_that_has_no_words() -> None:
 
     case = replace(case_after(outcome_of(Formation.FIT)), method=Wordless())
     with pytest.raises(InputError, match="method planar has no words for a model"):
-        prompt.instructions(Settings(), case, "judge")
+        prompt.instructions(Settings(), case, Limits())
 
 
 # --- who plans, by the truth ---------------------------------------------------------------------

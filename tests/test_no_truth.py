@@ -12,6 +12,7 @@ import pytest
 from stand_ins import cell_for
 
 from pliant.conditions import CONDITIONS, Condition, Setup, condition
+from pliant.envelope import Limits
 from pliant.experiment.bench.cases import SHIPPED, Cases, Origin
 from pliant.experiment.one import Spec, composed
 from pliant.levels import load_level, shipped_levels
@@ -25,7 +26,6 @@ from pliant.teaching import shipped
 
 SET = Cases(SHIPPED)
 NAMES = frozenset(shipped_levels())
-STAGES = ("judge", "analyse", "plan_bounded")
 TOLD = Settings(measurements=True, picture=False, goal_picture=False, history=40)
 LEAST_SEED = 1000  # a smaller one is a number like any other
 
@@ -59,8 +59,8 @@ class Held:
 
 
 def prompts(case: Case) -> str:
-    told = situation(case, TOLD, verdict=Rules().judge(case))
-    return "\n".join([instructions(TOLD, case, *STAGES), *map(str, told)])
+    told = situation(case, TOLD, asked="", verdict=Rules().judge(case))
+    return "\n".join([instructions(TOLD, case, Limits()), *map(str, told)])
 
 
 def drawn(of: Condition, setup: Setup) -> dict[str, float]:

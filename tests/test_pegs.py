@@ -88,7 +88,7 @@ def test_a_cylinders_silhouette_is_at_its_axis_however_it_is_turned() -> None:
 
 
 def test_a_box_shows_its_front_edges_and_beside_the_optical_axis_one_of_its_back() -> None:
-    peg = load_task("rectangle").peg
+    peg = load_task("rectangle_narrow").peg
     assert peg.silhouette() == ((-0.01, 0.02), (0.01, 0.02))
     assert peg.silhouette(slopes=(0.02, 0.04)) == ((-0.01, -0.02), (0.01, 0.02))
     assert peg.silhouette(slopes=(-0.04, -0.02)) == ((-0.01, 0.02), (0.01, -0.02))
@@ -96,7 +96,7 @@ def test_a_box_shows_its_front_edges_and_beside_the_optical_axis_one_of_its_back
 
 def test_a_turned_box_shows_opposite_corners() -> None:
     yaw = math.radians(10)
-    (left_y, left_x), (right_y, right_x) = load_task("rectangle").peg.silhouette(yaw)
+    (left_y, left_x), (right_y, right_x) = load_task("rectangle_narrow").peg.silhouette(yaw)
     assert (left_y, left_x) == pytest.approx((-right_y, -right_x))
     assert right_y == pytest.approx(0.02 * math.sin(yaw) + 0.01 * math.cos(yaw))
     assert right_x == pytest.approx(0.02 * math.cos(yaw) - 0.01 * math.sin(yaw))
@@ -104,7 +104,7 @@ def test_a_turned_box_shows_opposite_corners() -> None:
 
 def test_the_front_of_a_peg_is_its_nearest_part_around_its_middle() -> None:
     assert load_task("circle").peg.front(0.003) == 0.02
-    assert load_task("rectangle").peg.front(0.003) == 0.02
+    assert load_task("rectangle_narrow").peg.front(0.003) == 0.02
     wedge = Peg(name="wedge", outline=((0.02, 0.01), (-0.02, 0.01), (0.0, -0.01)))
     assert wedge.front(0.005) == pytest.approx(0.015)
     assert wedge.front(0.005, math.pi) == pytest.approx(0.015)

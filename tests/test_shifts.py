@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models.function import AgentInfo
 from stand_ins import case_after, goal_step, outcome_of, recovery_of
-from vlm_cases import asking
-from voices import reply
+from vlm_cases import asked, asking
+from voices import NOTHING_WRONG, reply
 
 from pliant.belief import hang_share
 from pliant.conditions import condition
@@ -174,10 +174,9 @@ class Shifting:
 
     def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
         fields: dict[str, Any] = {}
-        if "Turn the analysis" not in (info.instructions or ""):
-            fields = dict.fromkeys(("what_happened", "why", "how_to_recover"), "")
-            zero = ("x_motion_mm", "y_motion_mm", "z_motion_mm", "pitch_motion_deg")
-            return reply(info, fields | dict.fromkeys((*zero, "yaw_motion_deg"), 0))
+        if "plan" not in asked(messages):
+            zero = ("x_motion_mm", "pitch_motion_deg", "yaw_motion_deg")
+            return reply(info, NOTHING_WRONG | dict.fromkeys(zero, 0))
         case = self.asked[-1]
         if case.outcome.step.formation is FIT:
             fields = dict.fromkeys(bounded_plan(40, Guided()).model_fields, 0)
@@ -249,7 +248,7 @@ def test_an_absolute_plan_shifts_where_align_holds_the_hand() -> None:
 
 def test_a_shift_is_stored_and_told_in_the_history(tmp_path: Path) -> None:
     case = done()[1].asked[-1]
-    content = prompt.situation(case, Settings(model="scripted"))
+    content = prompt.situation(case, Settings(model="scripted"), asked="")
     told = "\n".join(item for item in content if isinstance(item, str))
     assert "x_mm 2.0, pitch_deg 4.0, yaw_deg 4.0 |" in told
     save_case(tmp_path, case)

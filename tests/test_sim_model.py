@@ -194,7 +194,9 @@ def test_the_side_camera_stands_at_plus_x_at_the_boards_height(peg: str) -> None
 # --- the hole ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("peg", "x_mm", "y_mm"), [("square", 42, 42), ("rectangle", 42, 22)])
+@pytest.mark.parametrize(
+    ("peg", "x_mm", "y_mm"), [("square", 42, 42), ("rectangle_narrow", 42, 22)]
+)
 def test_a_rectangles_hole_is_its_clearance_wider(peg: str, x_mm: float, y_mm: float) -> None:
     task = load_task(peg)
     outline = hole_outline(task.peg, task.hole)

@@ -67,7 +67,7 @@ def table_i_on_picture(peg: str, row: Row, hole_y: float, grasp_roll: float) -> 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.formation}: {row.message}")
 @pytest.mark.parametrize(
     ("peg", "hole_y", "grasp_deg"),
-    [("circle", 0.0, 0.0), ("square", 0.015, 4.0), ("rectangle", -0.015, -4.0)],
+    [("circle", 0.0, 0.0), ("square", 0.015, 4.0), ("rectangle_narrow", -0.015, -4.0)],
 )
 def test_a_row_of_the_table_is_read_from_a_picture_that_shows_it(
     row: Row, peg: str, hole_y: float, grasp_deg: float

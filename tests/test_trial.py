@@ -379,6 +379,6 @@ def test_a_skill_gets_no_more_of_the_robot_than_the_protocol() -> None:
 
 def test_a_peg_that_slid_into_the_hole_without_ever_pressing_the_board_goes_in() -> None:
     """Its sensor has not answered, so it goes down from where the picture shows it."""
-    spec = Spec.named(peg="rectangle", condition="pose", seed=129)
-    trial = perform(spec, cell_for("rectangle"), shipped())
+    spec = Spec.named(peg="rectangle_narrow", condition="pose", seed=129)
+    trial = perform(spec, cell_for("rectangle_narrow"), shipped())
     assert (trial.end_reason, trial.inserted, len(trial.executions)) == ("inserted", True, 9)

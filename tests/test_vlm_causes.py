@@ -28,7 +28,7 @@ def own_server() -> None:
 
 def right() -> Fields:
     """What is right to say of the case that is judged."""
-    return judgement(Rules().judge(simulated().judged[0]))
+    return judgement(Rules().judge(simulated().put[0]))
 
 
 def answering(
@@ -50,7 +50,7 @@ def judged(behave: Callable[[Loopback, Handler], None], **settings: Any) -> tupl
     with loopback(behave) as server:
         chosen = {"picture": False, "deadline_s": 20, **settings}
         mind = vlm(Settings(model="small", base_url=server.base_url, **chosen))
-        return mind.judge(simulated().judged[0]), len(server.received)
+        return mind.judge(simulated().put[0]), len(server.received)
 
 
 def says(text: str) -> Fields:
@@ -119,7 +119,7 @@ def test_a_server_that_wants_the_other_name_of_the_longest_reply_gets_it() -> No
 
     with loopback(behave) as server:
         mind = vlm(Settings(model="small", base_url=server.base_url, picture=False, deadline_s=20))
-        verdicts = [mind.judge(simulated().judged[0]) for _ in range(2)]
+        verdicts = [mind.judge(simulated().put[0]) for _ in range(2)]
     assert [v.by for v in verdicts] == ["vlm", "vlm"]
     assert len(server.received) == 3  # it is told so once
 
@@ -134,7 +134,7 @@ def test_a_server_that_wants_the_other_name_of_the_longest_reply_gets_it() -> No
 )
 def test_of_a_connection_that_fails_the_systems_words_are_kept(address: str, cause: str) -> None:
     mind = vlm(Settings(model="small", base_url=address, picture=False, deadline_s=20))
-    told = mind.judge(simulated().judged[0]).fallback
+    told = mind.judge(simulated().put[0]).fallback
     assert told.startswith(cause)
     assert "All connection attempts" not in told
 
@@ -152,7 +152,7 @@ def test_a_certificate_that_is_not_trusted_is_named() -> None:
 
 
 def test_a_silent_model_is_given_up_with_the_reason_for_its_silence() -> None:
-    case = simulated().judged[0]
+    case = simulated().put[0]
     with loopback(answering(404, {"error": "no such model"})) as server:
         mind = vlm(Settings(model="small", base_url=server.base_url, picture=False))
         told = [mind.judge(case).fallback for _ in range(4)][-1]

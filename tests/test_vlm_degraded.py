@@ -57,7 +57,7 @@ def words(server: Loopback, handler: Handler) -> None:
 
 def answers(handler: Handler) -> None:
     """What is right to say of whatever is asked first or judged: every skill succeeded."""
-    fields = judgement(Rules().judge(simulated().judged[0]))
+    fields = judgement(Rules().judge(simulated().put[-1]))
     if "asked whether you can be asked" in json.dumps(handler.received.body):
         fields = {"colour": "green"}
     handler.send(completion(handler.received.body, json.dumps(fields)))
@@ -68,7 +68,7 @@ def trusting(server: Loopback, handler: Handler) -> None:
 
 
 def soon_gone(server: Loopback, handler: Handler) -> None:
-    (answers if len(server.received) < 4 else lambda h: refused(server, h))(handler)
+    (answers if len(server.received) < 3 else lambda h: refused(server, h))(handler)
 
 
 def options(server: Loopback, **rest: Any) -> ModelOptions:
@@ -98,14 +98,14 @@ def test_a_model_that_decides_nothing_is_said_at_each_decision_and_ends_with_sta
     status, _ = ran(refused, tmp_path, fallback_from_start=True)
     told = capsys.readouterr().out
     assert status == UNDECIDED == 3
-    assert told.count("the rules judged in the model's place: ") == 5
+    assert told.count("the rules judged in the model's place: ") == 3
     assert "the rules judged in the model's place: 404: no such \N{REPLACEMENT CHARACTER}" in told
-    assert told.splitlines()[-1] == "the model decided 0 of 5 decisions; 5 by the rules"
+    assert told.splitlines()[-1] == "the model decided 0 of 3 decisions; 3 by the rules"
     assert "\x1b[31mmodel" not in told
     (page,) = tmp_path.glob("run/trials/*/index.html")
     text = page.read_text(encoding="utf-8")
-    assert "The model decided 0 of 5 decisions; 5 by the rules" in text
-    assert text.count("judged by the rules") == 5
+    assert "The model decided 0 of 3 decisions; 3 by the rules" in text
+    assert text.count("judged by the rules") == 3
 
 
 @pytest.mark.usefixtures("no_page")
@@ -115,8 +115,8 @@ def test_a_model_that_decides_some_is_counted_and_the_outcome_says_the_status(
     status, _ = ran(soon_gone, tmp_path)
     told = capsys.readouterr().out
     assert status == 0
-    assert told.count("the rules judged in the model's place: 404") == 3
-    assert told.splitlines()[-1] == "the model decided 2 of 5 decisions; 3 by the rules"
+    assert told.count("the rules judged in the model's place: 404") == 2
+    assert told.splitlines()[-1] == "the model decided 1 of 3 decisions; 2 by the rules"
 
 
 @pytest.mark.usefixtures("no_page")
@@ -135,9 +135,9 @@ def test_a_model_that_decides_all_is_counted_too(
     told = capsys.readouterr()
     assert status == 0
     assert "in the model's place" not in told.err
-    assert told.err.splitlines()[-1] == "the model decided 5 of 5 decisions"
+    assert told.err.splitlines()[-1] == "the model decided 3 of 3 decisions"
     row = json.loads(told.out)
-    assert (row["decisions"], row["own"], row["fallbacks"]) == (5, 5, 0)
+    assert (row["decisions"], row["own"], row["fallbacks"]) == (3, 3, 0)
 
 
 @pytest.mark.usefixtures("no_page")
@@ -281,7 +281,7 @@ def test_a_row_that_is_the_rules_bears_their_name_in_every_table(tmp_path: Path)
         "L0, circle, none, same",
         "L0, circle, none, short",
     ]
-    assert "the model decided 0 of 5 decisions; 5 by the rules in trial" in said[0]
+    assert "the model decided 0 of 3 decisions; 3 by the rules in trial" in said[0]
     assert ": 404: no such \N{REPLACEMENT CHARACTER}[31mmodel; see that --model" in said[0]
     text = markdown(tables.build(tmp_path))
     assert "| circle | none | rules (for vlm (small)) | 1 |" in text

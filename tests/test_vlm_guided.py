@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 from pydantic_ai.messages import BinaryContent, ModelMessage, ModelResponse
 from pydantic_ai.models.function import AgentInfo
-from vlm_cases import asking
-from voices import reply
+from vlm_cases import asked, asking
+from voices import NOTHING_WRONG, reply
 
 from pliant.belief import Belief
 from pliant.conditions import condition
+from pliant.envelope import Limits
 from pliant.experiment.one import Spec, perform
 from pliant.formations import OWNED, RECOVERABLE, Formation
 from pliant.levels import load_level
@@ -33,11 +34,10 @@ from pliant.trial import Run
 TOLD = Settings(model="scripted", deadline_s=20)
 VOICES = Path(__file__).with_name("voices.py")
 SAID = {
+    **NOTHING_WRONG,
     "what_happened": "it stuck 4 mm deep",
     "why": "something is in the hole",
     "how_to_recover": "a person must look into the hole",
-    "y_motion_mm": 0,
-    "z_motion_mm": 0,
     **dict.fromkeys(map(motion_field, SHIFTS), 0),
 }
 
@@ -85,7 +85,7 @@ def failed() -> Case:
 
 
 def words(case: Case, settings: Settings = TOLD) -> str:
-    content = prompt.situation(case, settings, verdict=Rules().judge(case))
+    content = prompt.situation(case, settings, asked="", verdict=Rules().judge(case))
     return "\n".join(item for item in content if isinstance(item, str))
 
 
@@ -138,9 +138,9 @@ def test_a_reading_that_is_not_believed_and_one_that_is_missing_are_said() -> No
 
 
 def test_the_front_picture_is_shown_beside_the_side_one() -> None:
-    content = prompt.situation(failed(), TOLD)
+    content = prompt.situation(failed(), TOLD, asked="")
     assert sum(isinstance(item, BinaryContent) for item in content) == 2
-    content = prompt.situation(failed(), replace(TOLD, picture=False))
+    content = prompt.situation(failed(), replace(TOLD, picture=False), asked="")
     assert not any(isinstance(item, BinaryContent) for item in content)
 
 
@@ -153,14 +153,14 @@ def test_the_belief_can_be_withheld() -> None:
 @pytest.mark.parametrize("plan", Plans)
 def test_the_instructions_say_what_a_goal_means_and_when_to_stop(plan: Plans) -> None:
     settings = replace(TOLD, plan=plan, step_limit_mm=25.0)
-    guided = prompt.instructions(settings, failed(), "analyse", f"plan_{plan}")
-    assert "only its shift from the taught goal matters" in guided
+    guided = prompt.instructions(settings, failed(), Limits())
+    assert "Only a goal's shift from the taught goal matters" in guided
     assert "how far from what is believed to aim, for this execution only" in guided
     assert re.search(r"(±|at most )5[ ,:]", guided)
     assert "no motion can help and a person must come" in guided
     assert "25 mm" in guided or "±25" in guided
     assert "$" not in guided
-    papers = prompt.instructions(settings, replace(failed(), method=Planar()), f"plan_{plan}")
+    papers = prompt.instructions(settings, replace(failed(), method=Planar()), Limits())
     assert not any(word in papers for word in ("shift", "yaw", "pitch"))
 
 
@@ -170,7 +170,7 @@ def test_the_instructions_say_what_a_goal_means_and_when_to_stop(plan: Plans) ->
 @pytest.mark.parametrize(
     ("level", "peg", "seed", "voice"),
     [
-        ("L6", "rectangle", 9135, "SpeaksForRules"),
+        ("L6", "rectangle_narrow", 9135, "SpeaksForRules"),
         ("L6", "circle", 9133, "AbsoluteRules"),
     ],
 )
@@ -201,7 +201,7 @@ class SaysStop:
         return asking(self.answer, plan=self.plan).recover(case, verdict)
 
     def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
-        if "Turn the analysis" not in (info.instructions or ""):
+        if "plan" not in asked(messages):
             return reply(info, SAID)
         if self.plan is Plans.ABSOLUTE:
             return reply(info, {"steps": []})

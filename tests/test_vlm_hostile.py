@@ -17,7 +17,7 @@ from pydantic_ai.messages import (
     ToolCallPart,
 )
 from pydantic_ai.models.function import AgentInfo
-from vlm_cases import asking, failures
+from vlm_cases import asked, asking, failures
 
 from pliant.envelope import Limits
 from pliant.reasoners.vlm.settings import Output, Plans
@@ -51,12 +51,16 @@ _TEXT = st.one_of(st.text(max_size=40), st.sampled_from(_WORDS), _JUNK)
 _YES = st.one_of(st.booleans(), st.booleans(), _JUNK)
 _SKILL = st.sampled_from(["approach", "contact", "fit", "align", "insertion", "stop", "FIT", 3])
 _VOTE = st.sampled_from(["success", "failure", "not available", "maybe", True, None])
+_CORNER = st.sampled_from(["above the board", "on the board", "in the hole", "not seen", 3])
+_CHANGES = ("fit_y_change_mm", "align_y_change_mm", "insertion_z_change_mm")
 _ANALYSIS = {
+    "bottom_left_corner": _CORNER,
+    "bottom_right_corner": _CORNER,
     "what_happened": _TEXT,
     "why": _TEXT,
+    "wrong_goal": _SKILL,
     "how_to_recover": _TEXT,
-    "y_motion_mm": _NUMBER,
-    "z_motion_mm": _NUMBER,
+    **dict.fromkeys(_CHANGES, _NUMBER),
 }
 _STEP = st.fixed_dictionaries(
     {"skill": _SKILL, "goal_mm": _NUMBER, "retreat_first": _YES}, optional={"speed_m_s": _NUMBER}
@@ -64,11 +68,13 @@ _STEP = st.fixed_dictionaries(
 _SANE: dict[str, _Any] = {
     "analyse": st.fixed_dictionaries(
         {
+            "bottom_left_corner": st.just("on the board"),
+            "bottom_right_corner": st.just("on the board"),
             "what_happened": st.just("it missed"),
             "why": st.just("too short"),
+            "wrong_goal": st.sampled_from(["fit", "align", "insertion", "none"]),
             "how_to_recover": st.just("further"),
-            "y_motion_mm": st.integers(-1, 1),
-            "z_motion_mm": st.integers(-9, 9),
+            **dict.fromkeys(_CHANGES, st.integers(-1, 1)),
         }
     ),
     "absolute": st.tuples(st.integers(-90, 30), st.integers(-50, 30), st.integers(150, 300)).map(
@@ -137,9 +143,7 @@ class Hostile:
     served: list[str] = field(default_factory=list)
 
     def __call__(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
-        asked = info.instructions or ""
-        stage = "judge" if "Judge the skill" in asked else "analyse"
-        stage = "plan" if "Turn the analysis" in asked else stage
+        stage = asked(messages).partition(" ")[0]
         kind, text = getattr(self, stage)[self.served.count(stage)]
         self.served.append(stage)
         return ModelResponse(parts=_parts(kind, text, info))
@@ -186,7 +190,7 @@ def decided(hostile: Hostile, chosen: dict[str, Any], number: int) -> Recovery:
     mind = asking(hostile, picture=False, goal_picture=False, **chosen)
     case, verdict = failures()[number]
     judged = mind.judge(case)
-    assert judged.by == "vlm" or (judged.by == "rules" and judged.fallback)
+    assert judged.by in ("vlm", "checks") or (judged.by == "rules" and judged.fallback)
     assert clean(judged)
     recovery = mind.recover(case, verdict)
     assert recovery is not None

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 from stand_ins import goal_step, recovery_of
 from vlm_cases import failures, simulated, wedged
+from voices import NOTHING_WRONG
 
 from pliant.envelope import Limits
 from pliant.formations import Formation, Step
@@ -48,7 +49,8 @@ def absolute(*steps: tuple[str, float]) -> BaseModel:
 
 
 def proposed(said: BaseModel, case: Case, *, y_mm: float = 0.0) -> Recovery:
-    analysis = FailureAnalysis(what="", why="", how="", motion={Axis.Y: y_mm * 1e-3})
+    changes = {FIT: {Axis.Y: y_mm * 1e-3}}
+    analysis = FailureAnalysis(what="", why="", how="", motion={}, changes=changes)
     return Recovery(analysis=analysis, steps=plans.steps_of(said, case), by="vlm")
 
 
@@ -71,8 +73,9 @@ def test_what_is_no_plausible_number_of_millimetres_is_refused(value: str) -> No
         bounded(fit_y_change_mm=json.loads(value) if value != "1e309" else 1e309)
     with pytest.raises(ValidationError):
         Analysis.model_validate_json(
-            '{"what_happened": "", "why": "", "how_to_recover": "", "z_motion_mm": 0,'
-            f' "y_motion_mm": {value}}}'
+            json.dumps({**NOTHING_WRONG, "fit_y_change_mm": 0}).replace(
+                '"fit_y_change_mm": 0', f'"fit_y_change_mm": {value}'
+            )
         )
 
 

@@ -14,10 +14,12 @@ from typing import Any
 import pytest
 from loopback import Handler, Loopback, completion, loopback
 from test_cli import pliant
-from voices import SpeaksForRules
+from vlm_cases import asked
+from voices import NOTHING_WRONG, SpeaksForRules
 
 from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
+from pliant.formations import RECOVERABLE
 from pliant.methods.planar import Planar
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Recorder
@@ -55,7 +57,8 @@ def test_the_shipped_recording_replays_as_a_whole_trial() -> None:
     assert trial.inserted
     assert [e.verdict.success for e in trial.executions] == [True, True, False, False] + [True] * 3
     for execution in trial.executions:
-        assert (execution.verdict.by, execution.verdict.fallback) == ("vlm", "")
+        by = "vlm" if execution.formation in RECOVERABLE else "checks"
+        assert (execution.verdict.by, execution.verdict.fallback) == (by, "")
         if execution.recovery is not None:
             assert (execution.recovery.by, execution.recovery.fallback) == ("vlm", "")
 
@@ -71,13 +74,14 @@ def heeds_the_checks(server: Loopback, handler: Handler) -> None:
     votes = dict(re.findall(r"(pose_check|compression_check|table_i|metric check): (\w+)", last))
     vote = {"success": "success", "failure": "failure"}
     fields: dict[str, Any] = {
+        **NOTHING_WRONG,
         "what_happened": "it did not go in",
         "why": "the goal was too short",
         "how_to_recover": "further to the left",
-        "y_motion_mm": -6,
-        "z_motion_mm": 0,
+        "wrong_goal": "fit",
+        "fit_y_change_mm": -6,
     }
-    if "Judge the skill" in said:
+    if asked(said).startswith("judge"):
         fields = {
             "pose_check": vote.get(votes["pose_check"], "not available"),
             "compression_check": vote.get(votes["compression_check"], "not available"),
@@ -87,7 +91,7 @@ def heeds_the_checks(server: Loopback, handler: Handler) -> None:
             "reason": "as the checks say",
             "success": "failure" not in votes.values(),
         }
-    elif "Turn the analysis" in said:
+    elif "plan" in asked(said):
         again = "cannot be done" in said
         fields = {"resume_from": "fit", "retreat_first": False}
         fields |= {"fit_y_change_mm": -6 if again else 90}

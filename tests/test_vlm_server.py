@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from loopback import Handler, Loopback, completion, loopback
+from vlm_cases import asked as stage
 from vlm_cases import simulated
 from voices import analysis, bounded, judgement
 
@@ -40,7 +41,7 @@ def own_server(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def inserted() -> Case:
-    case = simulated().judged[-1]
+    case = simulated().put[-1]
     assert case.outcome.step.formation is Formation.INSERTION
     return case
 
@@ -58,10 +59,10 @@ def speaks_for_the_rules(server: Loopback, handler: Handler) -> None:
     case, verdict = simulated().recovered[0]
     recovery = Rules().recover(case, verdict)
     assert recovery is not None
-    if "Judge the skill" in said:
+    if stage(said).startswith("judge"):
         fields = judgement(Rules().judge(inserted()))
-    elif "Think in three steps" in said:
-        fields = analysis(recovery)
+    elif stage(said).startswith("analyse"):
+        fields = analysis(recovery, case)
     else:
         fields = bounded(recovery, case)
     handler.send(completion(handler.received.body, json.dumps(fields)))

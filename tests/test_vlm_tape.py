@@ -53,7 +53,7 @@ def a_recording() -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "tape.jsonl"
         mind = SpeaksForRules(settings=SETTINGS, tape=Recorder(path))
-        mind.judge(simulated().judged[-1])
+        mind.judge(simulated().put[-1])
         mind.recover(*simulated().recovered[0])
         return path.read_bytes()
 
@@ -89,7 +89,7 @@ def test_refusals_and_failures_are_replayed_too(tmp_path: Path) -> None:
         return ModelResponse(parts=[TextPart(str(said))])
 
     path = tmp_path / "tape.jsonl"
-    cases = simulated().judged[:2]
+    cases = simulated().put[:2]
     recording = asking(answer)
     recording = replace(recording, tape=Recorder(path))
     first = [recording.judge(case) for case in cases]
@@ -135,7 +135,7 @@ def with_another_picture(case: Case) -> Case:
 
 def test_a_picture_drawn_differently_is_noted_and_not_fatal(tmp_path: Path) -> None:
     path = tmp_path / "tape.jsonl"
-    case = simulated().judged[0]
+    case = simulated().put[0]
     first = SpeaksForRules(settings=SETTINGS, tape=Recorder(path)).judge(case)
     again = replayed(path).judge(with_another_picture(case))
     assert told(again) == told(first)
@@ -144,7 +144,7 @@ def test_a_picture_drawn_differently_is_noted_and_not_fatal(tmp_path: Path) -> N
 
 def test_a_replay_that_asks_something_else_says_what_differs(tmp_path: Path) -> None:
     path = tmp_path / "tape.jsonl"
-    case = simulated().judged[0]
+    case = simulated().put[0]
     SpeaksForRules(settings=SETTINGS, tape=Recorder(path)).judge(case)
     with pytest.raises(InputError, match=r"request 1: it differs .* sampling: .*0\.5") as raised:
         replayed(path, replace(SETTINGS, temperature=0.5)).judge(case)

@@ -1,5 +1,6 @@
 """Cases for the tests of the VLM: of a simulated trial, and hand-made ones it does not meet."""
 
+import re
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -12,7 +13,7 @@ from stand_ins import case_after, cell_for, executed, outcome_of, scene_of
 from pliant.belief import Belief
 from pliant.cell import Stop
 from pliant.conditions import condition
-from pliant.formations import Formation
+from pliant.formations import RECOVERABLE, Formation
 from pliant.methods.planar import Planar
 from pliant.methods.planar.checks import check
 from pliant.reasoners.rules import Rules
@@ -34,6 +35,11 @@ class _Watching(Rules):
 
     judged: list[Case] = field(default_factory=list)
     recovered: list[tuple[Case, Verdict]] = field(default_factory=list)
+
+    @property
+    def put(self) -> list[Case]:
+        """The cases whose verdict a model is asked for."""
+        return [c for c in self.judged if c.outcome.step.formation in RECOVERABLE]
 
     def judge(self, case: Case) -> Verdict:
         self.judged.append(case)
@@ -69,6 +75,14 @@ def wedged() -> Case:
     return replace(case, history=(executed(case),))
 
 
+@cache
+def shallow() -> Case:
+    """Insertion that ran its way and is not deep enough, after one that ended the same way."""
+    scene = scene_of(tip_z=-0.004, tilt_deg=6.0, half=0.01, center_px=330.0)
+    case = checked(outcome_of(Formation.INSERTION, scene=scene))
+    return replace(case, history=(executed(case),))
+
+
 def checked(outcome: Any) -> Case:
     """The case after an outcome, with the checks made."""
     case = case_after(outcome)
@@ -85,6 +99,11 @@ def failures() -> list[tuple[Case, Verdict]]:
     """Failed executions of every kind that is at hand, as the rules judge them."""
     made = [wedged(), blind()]
     return [*simulated().recovered, *((case, Rules().judge(case)) for case in made)]
+
+
+def asked(messages: object) -> str:
+    """What a request asks for, such as "judge this execution"."""
+    return re.findall(r"Asked of you now: ([^.]+)\.", str(messages))[-1]
 
 
 def asking(answer: Answer, **settings: Any) -> Vlm:

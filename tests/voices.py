@@ -17,10 +17,10 @@ from pydantic_ai.messages import (
 )
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.usage import RequestUsage
+from vlm_cases import asked
 
 from pliant.formations import OWNED, RECOVERABLE
 from pliant.methods.guided.skills import SHIFTED, SHIFTS
-from pliant.pose import Axis
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.reasoner import Vlm
 from pliant.reasoners.vlm.replies import change_field, motion_field, shift_field
@@ -62,15 +62,42 @@ def no_shifts(case: Case, *names: str) -> Fields:
     return dict.fromkeys(names, 0) if case.method.follows_belief else {}
 
 
-def analysis(recovery: Recovery, gain: float = 1.0) -> Fields:
+NOTHING_WRONG: Fields = {
+    "bottom_left_corner": "not seen",
+    "bottom_right_corner": "not seen",
+    "what_happened": "",
+    "why": "",
+    "wrong_goal": "none",
+    "how_to_recover": "",
+    "fit_y_change_mm": 0,
+    "align_y_change_mm": 0,
+    "insertion_z_change_mm": 0,
+}
+"""An analysis that says nothing."""
+
+
+def analysis(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
     told = recovery.analysis
+    first = str(recovery.steps[0].formation) if recovery.steps else "none"
     return {
+        **NOTHING_WRONG,
         "what_happened": told.what,
         "why": told.why,
+        "wrong_goal": first,
         "how_to_recover": told.how,
-        "y_motion_mm": gain * told.motion.get(Axis.Y, 0.0) * 1e3,
-        "z_motion_mm": gain * told.motion.get(Axis.Z, 0.0) * 1e3,
+        **_changes(recovery, case, gain),
     }
+
+
+def _changes(recovery: Recovery, case: Case, gain: float) -> Fields:
+    goals = {step.formation: step.goal for step in recovery.steps}
+    fields: Fields = {}
+    for formation in RECOVERABLE:
+        axis = OWNED[formation][0]
+        now = case.goals.formations[formation][axis]
+        change = goals.get(formation, {}).get(axis, now) - now
+        fields[f"{formation}_{axis}_change_mm"] = round(gain * change * 1e3)
+    return fields
 
 
 def absolute(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
@@ -95,13 +122,7 @@ def bounded(recovery: Recovery, case: Case, gain: float = 1.0) -> Fields:
     if recovery.steps:
         fields["resume_from"] = str(recovery.steps[0].formation)
         fields["retreat_first"] = recovery.steps[0].retreat
-    goals = {step.formation: step.goal for step in recovery.steps}
-    for formation in RECOVERABLE:
-        axis = OWNED[formation][0]
-        now = case.goals.formations[formation][axis]
-        change = goals.get(formation, {}).get(axis, now) - now
-        fields[f"{formation}_{axis}_change_mm"] = round(gain * change * 1e3)
-    return fields
+    return fields | _changes(recovery, case, gain)
 
 
 def scripted(**changes: Any) -> Settings:
@@ -146,20 +167,19 @@ class SpeaksForRules(Scripted):
 
     def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
         assert self.case is not None
-        instructions = info.instructions or ""
-        if "Judge the skill" in instructions:
+        stage = asked(messages)
+        if stage.startswith("judge"):
             return reply(info, judgement(Rules().judge(self.case)))
         assert self.verdict is not None
         recovery = Rules().recover(self.case, self.verdict)
         assert recovery is not None
-        planning = "Turn the analysis" in instructions
         fields: Fields = {}
-        if "Think in three steps" in instructions:
+        if stage.startswith("analyse"):
             draw = random.Random(f"{self.seed} {len(self.case.history)}")
             self._gain = -self.gain if draw.random() < self.flipped else self.gain
-            fields |= analysis(recovery, self._gain)
+            fields |= analysis(recovery, self.case, self._gain)
             fields |= no_shifts(self.case, *map(motion_field, SHIFTS))
-        if planning:
+        if "plan" in stage:
             write = absolute if self.settings.plan is Plans.ABSOLUTE else bounded
             fields |= write(recovery, self.case, self._gain)
         return reply(info, fields)

@@ -83,7 +83,7 @@ def shipped_levels() -> Mapping[str, Level]:
             ranges=ranges,
             method=fields.get("method", "guided"),
             senses=fields.get("senses", COLOUR),
-            pegs=tuple(fields.get("pegs", ("circle", "square", "rectangle"))),
+            pegs=tuple(fields.get("pegs", ("circle", "square", "rectangle_narrow"))),
             right=fields.get("right", INSERT),
             is_scenario=name in scenarios,
         )

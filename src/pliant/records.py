@@ -19,6 +19,7 @@ from pliant.formations import OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
 from pliant.teaching import Teaching
+from pliant.vision.measure import Colours
 from pliant.vision.scene import Scene
 
 SCHEMA = 2
@@ -159,12 +160,14 @@ class Verdict(Decision):
 @dataclass(frozen=True, kw_only=True)
 class FailureAnalysis:
     """The analysis of a failure: what happened, why, how to recover, and the motion from the
-    current goal (Sec. V-B)."""
+    current goal (Sec. V-B). `changes` are the motions from each current goal, where they were told
+    one by one."""
 
     what: str
     why: str
     how: str
     motion: Partial
+    changes: Mapping[Formation, Partial] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,7 +283,8 @@ def _is_method(value: Any) -> Any:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
     """All that a reasoner may know when it judges or recovers: serialisable, so that a stored case
-    can be judged again. `goals` are the ones in force, updated by the recoveries so far."""
+    can be judged again. `goals` are the ones in force, updated by the recoveries so far; `colours`
+    None: those of peg and block may be anything."""
 
     task: Task
     teaching: Teaching = field(repr=False)
@@ -292,6 +296,7 @@ class Case:
     method: Annotated[
         KnownMethod, PlainValidator(_is_method), PlainSerializer(lambda method: method.name)
     ]
+    colours: Colours | None = None
 
 
 class End(StrEnum):

@@ -364,6 +364,30 @@ def write_run_json(
     write_bytes(folder / RUN, (json.dumps(document, indent=2) + "\n").encode())
 
 
+def made_by(commit: str | None, *, dirty: bool | None, version: str | None) -> str:
+    """The program that made something, in a word: the commit of its checkout, with a + where its
+    source differed from it, or the version where it was installed."""
+    if commit is None:
+        return f"pliant {version}"
+    return f"{commit[:12]}{'+' if dirty else ''}"
+
+
+def made_here() -> str:
+    """The program that is running, as `made_by` names it."""
+    commit, dirty = _commit()
+    return made_by(commit, dirty=dirty, version=_version("pliant"))
+
+
+def made_in(folder: Path) -> str | None:
+    """The program that made a run, by its run.json; None: it does not say."""
+    try:
+        document = json.loads(folders.read(folder / RUN, MOST_JSON))
+        version = str(document["versions"]["pliant"])
+        return made_by(document["commit"], dirty=document["dirty"], version=version)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def _commit() -> tuple[str | None, bool | None]:
     """The checkout's commit and whether its source differs from it; None where pliant was
     installed, or there is no git."""

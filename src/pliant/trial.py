@@ -147,6 +147,7 @@ class Run:
                 evidence=self.method.check(self.task, outcome, self.belief, self.teaching),
                 belief=self.belief,
                 method=self.method,
+                colours=self._sight.colours,
             )
             verdict = self.reasoner.judge(case)
             failures = 0 if verdict.success else failures + 1

@@ -29,12 +29,15 @@ class Honest:
 
     def judge(self, case: Case) -> Verdict:
         self.expected.append(("judge", judgement(Rules().judge(case))))
-        return self.mind.judge(case)
+        verdict: Verdict = self.mind.judge(case)
+        if not verdict.exchanges:  # not every formation is asked about
+            self.expected.clear()
+        return verdict
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
         right = Rules().recover(case, verdict)
         assert right is not None
-        self.expected += [("analyse", analysis(right)), ("plan", bounded(right, case))]
+        self.expected += [("analyse", analysis(right, case)), ("plan", bounded(right, case))]
         return self.mind.recover(case, verdict)
 
     def answer(self, asked: Asked) -> Said:

@@ -41,7 +41,7 @@ def right() -> dict[str, Fields]:
     case, verdict = simulated().recovered[0]
     recovery = Rules().recover(case, verdict)
     assert recovery is not None
-    fields = (judgement(verdict), analysis(recovery), bounded(recovery, case))
+    fields = (judgement(verdict), analysis(recovery, case), bounded(recovery, case))
     return dict(zip(FORMS, fields, strict=True))
 
 

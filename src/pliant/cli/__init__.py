@@ -15,6 +15,7 @@ from pliant.cli.check_cell import check_cell
 from pliant.cli.experiment import experiment
 from pliant.cli.export import export
 from pliant.cli.label import label
+from pliant.cli.model import with_preset
 from pliant.cli.run import run
 from pliant.cli.tables import tables
 from pliant.cli.teach import teach
@@ -77,7 +78,7 @@ def _called() -> None:
                     "bench-reasoner": bench_reasoner,
                 },
                 prog="pliant",
-                args=[_expanded(word) for word in sys.argv[1:]],
+                args=with_preset([_expanded(word) for word in sys.argv[1:]]),
                 description=_DESCRIPTION,
             )
         )

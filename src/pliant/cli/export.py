@@ -8,6 +8,7 @@ import tyro
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.paths import located, shown
+from pliant.reasoners import needs_extra
 
 
 def export(
@@ -15,6 +16,7 @@ def export(
     *,
     lerobot_out: Annotated[Path | None, tyro.conf.arg(name="lerobot")] = None,
     failure_qa_out: Annotated[Path | None, tyro.conf.arg(name="failure-qa")] = None,
+    chat_out: Annotated[Path | None, tyro.conf.arg(name="chat")] = None,
     rerun_out: Annotated[Path | None, tyro.conf.arg(name="rerun")] = None,
     trial: str | None = None,
     fps: int = 10,
@@ -28,6 +30,8 @@ def export(
         folder: the run's folder.
         lerobot_out: a new folder for a LeRobot data set (v3.0).
         failure_qa_out: a new folder for questions and answers about failures, with pictures.
+        chat_out: a new folder for conversations to tune a vision-language model on: what it would
+            be told and shown, and what was right to answer.
         rerun_out: a new file (.rrd) for Rerun's viewer, of one trial.
         trial: this trial only, by its trial_id; Rerun needs one where the run has several.
         fps: frames a second of the LeRobot data set and of Rerun's timeline, 1 to 25.
@@ -38,12 +42,15 @@ def export(
     from pliant.export.output import check_new
     from pliant.export.source import open_run
 
-    lerobot_out, failure_qa_out, rerun_out = (
-        None if path is None else located(path) for path in (lerobot_out, failure_qa_out, rerun_out)
-    )
-    outputs = [path for path in (lerobot_out, failure_qa_out, rerun_out) if path is not None]
+    lerobot_out, failure_qa_out, chat_out, rerun_out = given = [
+        None if path is None else located(path)
+        for path in (lerobot_out, failure_qa_out, chat_out, rerun_out)
+    ]
+    outputs = [path for path in given if path is not None]
     if not outputs:
-        raise InputError("nothing to export: give --lerobot, --failure-qa or --rerun with a path")
+        raise InputError(
+            "nothing to export: give --lerobot, --failure-qa, --chat or --rerun with a path"
+        )
     if len({path.resolve() for path in outputs}) < len(outputs):
         raise InputError("two exports cannot go to the same path: give each its own")
     for path in outputs:
@@ -56,6 +63,12 @@ def export(
     if failure_qa_out is not None:
         asked = failure_qa.write(source, failure_qa_out)
         console.print(f"failure QA: {shown(failure_qa_out)}: {_in_words(asked)} questions")
+    if chat_out is not None:
+        needs_extra("--chat, which writes a model's prompts,")
+        from pliant.export import chat
+
+        told = chat.write(source, chat_out)
+        console.print(f"chat: {shown(chat_out)}: {_in_words(told)} conversations")
     if lerobot_out is not None:
         made_of = lerobot.write(source, lerobot_out, fps=fps, cameras=cameras, workers=workers)
         console.print(f"LeRobot: {shown(lerobot_out)}: {_in_words(made_of)} episodes")

@@ -1,9 +1,10 @@
 """Options that choose a VLM and what it is told, the same for every command that reasons."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -11,8 +12,9 @@ from pliant.errors import InputError
 from pliant.experiment.cells import Experiment
 from pliant.paths import located
 from pliant.reasoners import refuse_silent
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.settings import PRESETS, Settings
 
+_PRESET = "--preset"
 UNDECIDED = 3
 """Exit status: a model was asked, and decided nothing."""
 _DEFAULT = Settings()
@@ -22,6 +24,9 @@ _DEFAULT = Settings()
 class ModelOptions:
     """The model behind the reasoner `vlm`, and where its conversations are kept."""
 
+    preset: Literal["paper"] | None = None
+    """paper: the paper's own setting, which judges and plans by the model alone, with absolute
+    goals. Options given beside it win."""
     vlm: Annotated[Settings, tyro.conf.arg(name=""), tyro.conf.EnumChoicesFromValues] = _DEFAULT
     record: Path | None = None
     """Keep every request and reply here: a file, or for many trials a folder."""
@@ -51,7 +56,8 @@ class ModelOptions:
     def refuse_without(self, *, is_asked: bool) -> None:
         """Refuse options without a model. Raises InputError when options for a model are given and
         none is asked."""
-        given = [name for name in ("record", "replay") if getattr(self, name) is not None]
+        named = ("preset", "record", "replay")
+        given = [name for name in named if getattr(self, name) is not None]
         given += ["fallback_from_start"] if self.fallback_from_start else []
         given += self.given
         if given and not is_asked:
@@ -63,3 +69,24 @@ class ModelOptions:
         decide from the start. Raises InputError as `pliant.reasoners.refuse_silent`."""
         if self.replay is None and not self.fallback_from_start:
             refuse_silent(settings, say)
+
+
+def with_preset(words: Sequence[str]) -> list[str]:
+    """The words of a command line, with the options that its preset stands for right after the
+    command: later ones win."""
+    found = _parse_preset(words)
+    options = []
+    for name, value in PRESETS.get(found, {}).items() if found else ():
+        option = name.replace("_", "-")
+        if isinstance(value, bool):
+            options.append(f"--{option}" if value else f"--no-{option}")
+        else:
+            options += [f"--{option}", str(value)]
+    return [*words[:1], *options, *words[1:]]
+
+
+def _parse_preset(words: Sequence[str]) -> str | None:
+    """The preset that the words name last; None: none."""
+    named = [after for word, after in pairwise(words) if word == _PRESET]
+    named += [word.removeprefix(f"{_PRESET}=") for word in words if word.startswith(f"{_PRESET}=")]
+    return named[-1] if named else None

@@ -23,7 +23,7 @@ class Misread:
     `Setup.hole_misread`."""
 
     def __init__(self, sight: Sight, setup: Setup) -> None:
-        self._sight = sight
+        self._sight, self.colours = sight, sight.colours
         self._share, self._always = setup.misread, setup.hole_misread
         self._random = setup.stream("misread")
 

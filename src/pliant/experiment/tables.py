@@ -64,12 +64,13 @@ def build(folder: Path) -> Document:
     for executions in results.each_trials_executions(folder):
         if (measured := owner.get(executions[0]["trial_id"])) is not None:
             measured.add(executions)
+    made_by = store.made_in(folder)
     ordered = _in_the_papers_order(cells.values())
     trials = [trial for cell in ordered for trial in (*cell.trials, *cell.faulted)]
     return {
         "schema": SCHEMA,
         "paper": {"source": paper.source(), "reasoner": paper.REASONER},
-        "cells": [_cell(cell) for cell in ordered],
+        "cells": [{**_cell(cell), "made_by": made_by} for cell in ordered],
         "placed": _table4(ordered),
         "transitions": _transitions(ordered),
         "pairs": _pairs(ordered),

@@ -73,6 +73,8 @@ def table2(cells: Sequence[Document]) -> str:
     faults = sum(c["faults"] for c in cells)
     disagreed, n = sum(c["disagreed"] for c in cells), sum(c["n"] for c in cells)
     told = f"Judged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
+    made = dict.fromkeys(c["made_by"] for c in cells if c.get("made_by"))
+    told += f" Made by {' and '.join(made)}." if made else ""
     return "\n\n".join([text, told, *marks(r.get("own") for r in cells)])
 
 

@@ -16,7 +16,7 @@ from pliant.experiment import decides, oracle
 from pliant.methods.named import method
 from pliant.own import make_own
 from pliant.ur5e import configuration as ur5e
-from pliant.vision.measure import SIMULATED, Colours
+from pliant.vision.measure import PAPER, SIMULATED, Colours
 
 if TYPE_CHECKING:
     from pliant.ur5e.cell import Operator
@@ -83,9 +83,12 @@ class Where:
 
     @property
     def colours(self) -> Colours:
-        """The colours of peg and block in the cell's pictures."""
+        """The colours of peg and block in the cell's pictures. Where the file of a real cell names
+        none, they are the paper's."""
         given = None if self.configuration is None else self.configuration.colours
-        return SIMULATED if given is None else Colours(peg=given.peg, block=given.block)
+        if given is not None:
+            return Colours(peg=given.peg, block=given.block)
+        return PAPER if self.kind == "ur5e" else SIMULATED
 
     @property
     def goals(self) -> Path | None:

@@ -9,10 +9,12 @@ from pliant.checks import TILT_TOLERANCE_DEG, half_hole, pose_check
 from pliant.conditions import NOMINAL, Setup
 from pliant.experiment.oracle import Oracle
 from pliant.formations import Formation, Goals
+from pliant.levels import EDGES, load_level
 from pliant.methods.named import method
 from pliant.records import Case, Execution, Recovery, Trial, Verdict
 from pliant.task import Task
-from pliant.teaching import Teaching
+from pliant.teaching import Teaching, shipped
+from pliant.vision.measure import SIMULATED
 
 _TOLERANCE_M = 0.001  # of the truth's own test whether the low edge is in the hole
 KINDS = {
@@ -66,20 +68,30 @@ def labels(trial: Trial) -> list[Label]:
 def correction(trial: Trial, label: Label) -> Recovery | None:
     """The plan that the rules make after a failure when every measurement is the truth's."""
     assert label.kind is not None, "only failures are corrected"
-    execution = label.execution
     oracle = Oracle(truth=lambda: label.truth, setup=setup_of(trial))
     verdict = Verdict(success=False, reason=KINDS[label.kind], votes={}, conflict=None, by="truth")
-    case = Case(
+    return oracle.recover(case_of(trial, label), verdict)
+
+
+def case_of(trial: Trial, label: Label) -> Case:
+    """The case after an execution, as its reasoner met it. The goal pictures are there where the
+    trial went by the shipped goals, and the colours where it was simulated: a record holds
+    neither."""
+    execution, taught = label.execution, shipped().for_task(trial.task)
+    if taught.goals != trial.goals:
+        taught = Teaching(goals=trial.goals, demonstrations={}, scenes={})
+    known = trial.cell == "sim" and load_level(trial.level).senses != EDGES
+    return Case(
         task=trial.task,
-        teaching=Teaching(goals=trial.goals, demonstrations={}, scenes={}),
+        teaching=taught,
         goals=label.goals,
         history=trial.executions[: execution.index],
         outcome=execution.outcome,
         evidence=execution.evidence,
         belief=execution.belief,
         method=method(trial.method),
+        colours=SIMULATED if known else None,
     )
-    return oracle.recover(case, verdict)
 
 
 def setup_of(trial: Trial) -> Setup:

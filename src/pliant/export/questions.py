@@ -123,12 +123,13 @@ def _explain(trial: Trial, label: Label) -> TextQuestion:
     assert label.kind is not None, "only failures are explained"
     why = causes(trial)
     differs = f"In this trial {_listed(why)}." if why else "Nothing in this trial was off nominal."
-    what = f"{_where(label)}, {_height(label)}, {_lean(label.tilt_deg)}".lower()
     setup = setup_of(trial)
     return TextQuestion(
         type="explain",
         question=f"{_name(label)} failed. Why? {_SIDES}",
-        answer=f"{_BECAUSE[label.kind]}: the centre of its bottom face is {what}. {differs}",
+        answer=(
+            f"{_BECAUSE[label.kind]}: the centre of its bottom face is {place(label)}. {differs}"
+        ),
         category=label.kind,
         truth={
             "kind": label.kind,
@@ -200,6 +201,12 @@ def _side(label: Label) -> str:
     if abs(label.offset_m) < CENTRED_M:
         return "centre"
     return "right" if label.offset_m > 0 else "left"
+
+
+def place(label: Label) -> str:
+    """Where the peg's bottom face is and how the peg leans, by the truth, in words."""
+    what = f"{_where(label)}, {_height(label)}, {_lean(label.tilt_deg)}"
+    return what[0].lower() + what[1:]
 
 
 def _where(label: Label) -> str:

@@ -62,7 +62,7 @@ def vlm(
         InputError: the extra is not installed, the model is unknown or lacks its key, or a
             recording cannot be used.
     """
-    _needs_extra()
+    needs_extra()
     from pliant.reasoners.vlm.models import model_of, recorded
     from pliant.reasoners.vlm.reasoner import Vlm
     from pliant.reasoners.vlm.tape import NoTape, Recorder, Replayer
@@ -84,7 +84,7 @@ def probe(settings: Settings) -> "Probe | None":
     """
     if Decider.VLM not in (settings.judge, settings.recover):
         return None
-    _needs_extra()
+    needs_extra()
     from pliant.reasoners.vlm.models import model_of
     from pliant.reasoners.vlm.probe import probe as ask
 
@@ -112,13 +112,11 @@ def refuse_silent(settings: Settings, say: Callable[[str], None]) -> None:
         say(f"{who}, asked first, answered ({found})")
 
 
-def _needs_extra() -> None:
-    """Raise InputError if the library of the models is not installed."""
+def needs_extra(what: str = "the reasoner vlm") -> None:
+    """Raise InputError if the library of the models is not installed, which `what` needs."""
     try:
         import pydantic_ai  # noqa: F401
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "pydantic_ai":
             raise
-        raise InputError(
-            "the reasoner vlm needs the extra 'vlm': pip install 'pliant[vlm]'"
-        ) from error
+        raise InputError(f"{what} needs the extra 'vlm': pip install 'pliant[vlm]'") from error

@@ -36,8 +36,36 @@ class Colours:
         ((172, 110, 40), (179, 255, 255)),
     )
 
+    @property
+    def peg_word(self) -> str:
+        """The peg's colour in a word, such as "cyan"."""
+        return _word(self.peg)
+
+    @property
+    def block_word(self) -> str:
+        """The block's colour in a word, such as "red"."""
+        return _word(self.block)
+
 
 SIMULATED = Colours()
+"""The colours of the simulation: a cyan peg, a red block."""
+
+PAPER = Colours(peg=(((40, 80, 40), (78, 255, 255)),))
+"""The colours of the paper's cell: a green peg, a red block."""
+
+_HUES = {
+    9: "red",
+    22: "orange",
+    34: "yellow",
+    79: "green",
+    99: "cyan",
+    130: "blue",
+    149: "violet",
+    170: "pink",
+    180: "red",
+}
+"""Words for hues, each up to its key (exclusive) in OpenCV's units."""
+_GREYISH = 60  # a saturation up to which there is no hue to name
 _LEAST_AREA = 400.0  # [px2] a smaller region is not the peg or the block
 _EDGE_MARGIN = 6.0  # [px] kept clear of corners when lines are fitted
 _FINGERS_M = 0.048  # [m] that the fingers reach below the peg's top
@@ -71,6 +99,16 @@ def measure(
     hole = _hole(hsv, view.camera, colours, board_yaw, problems)
     peg = _peg(hsv, view.camera, task, hole, colours, hand_yaw, problems)
     return Scene(peg=peg, hole=hole, problems=tuple(problems), time_s=view.time_s)
+
+
+def _word(ranges: tuple[tuple[Hsv, Hsv], ...]) -> str:
+    """The word for the colour in the middle of HSV ranges; of several, such as red's two, for the
+    widest."""
+    low, high = max(ranges, key=lambda r: r[1][0] - r[0][0])
+    hue, _, value = ((a + b) // 2 for a, b in zip(low, high, strict=True))
+    if high[1] <= _GREYISH:
+        return "black" if value < 60 else "white" if value > 190 else "grey"
+    return next(word for end, word in _HUES.items() if hue < end)
 
 
 def mask_of(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...]) -> NDArray[np.uint8]:

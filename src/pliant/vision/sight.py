@@ -29,6 +29,12 @@ class Sight(Protocol):
     """Measures the pictures of one moment; the arm's measured pose and the wrist's compression
     belong to it."""
 
+    @property
+    def colours(self) -> Colours | None:
+        """The colours that it tells peg and block by; None: by something else, and they may be
+        anything."""
+        ...
+
     def __call__(self, observation: Observation) -> Scene: ...
 
 
@@ -36,13 +42,13 @@ class ByColour:
     """The paper's segmentation by colour, from up to three cameras."""
 
     def __init__(self, task: Task, colours: Colours = SIMULATED) -> None:
-        self._task, self._colours = task, colours
+        self._task, self.colours = task, colours
         self._board_yaw = 0.0  # last seen
         self._across: Across | None = None
 
     def __call__(self, observation: Observation) -> Scene:
         views, pose = observation.views, observation.pose
-        scene = see(views, self._task, self._colours, board_yaw=self._board_yaw, hand_yaw=pose.yaw)
+        scene = see(views, self._task, self.colours, board_yaw=self._board_yaw, hand_yaw=pose.yaw)
         if scene.board_yaw is not None:
             self._board_yaw = scene.board_yaw.value
         if scene.across is not None:
@@ -59,6 +65,8 @@ class ByEdges:
     there the tool takes on `hang_share` of the hand's angle, and the wrist is stretched by `sag_m`
     [m]. The block's outline in the oblique picture shows how the board is turned.
     """
+
+    colours = None
 
     def __init__(
         self, task: Task, *, hang_share: float, sag_m: float, calibrates: bool = True

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from itertools import islice
 from typing import Any
 
+from pliant import store
 from pliant.errors import InputError
 from pliant.experiment.bench.cases import Cases
 from pliant.experiment.bench.marks import Make, Mark, put
@@ -38,6 +39,7 @@ def run(
         found[name] = scores(marks)
     return {
         "schema": SCHEMA,
+        "made_by": store.made_here(),
         "cases": {"hash": cases.hash, "n": len(marks), "of": len(cases)},
         "reasoners": found,
     }

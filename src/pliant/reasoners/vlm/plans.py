@@ -25,18 +25,30 @@ from pliant.recovery import admit, changes
 
 _NO_MOTION = 0.0005  # [m, rad] a change or a suggestion smaller than this has no direction
 _ROUNDING_M = 1e-9  # a change of exactly the limit is within it
-_STOP = "stop"
+_STOP, _NONE = "stop", "none"
 
 
 def analysis_of(reply: Analysis) -> FailureAnalysis:
-    axes = sorted(Axis, key=lambda axis: axis not in (Axis.Y, Axis.Z))
-    motion = {a: a.from_report(getattr(reply, motion_field(a), 0)) for a in axes}
+    changes = {f: _goal_change(reply, f) for f in RECOVERABLE}
+    motion = changes.get(Formation(reply.wrong_goal), {}) if reply.wrong_goal != _NONE else {}
+    shift = {a: a.from_report(getattr(reply, motion_field(a), 0)) for a in Axis}
+    corners = (
+        f"bottom-left corner {reply.bottom_left_corner},"
+        f" bottom-right corner {reply.bottom_right_corner}"
+    )
     return FailureAnalysis(
-        what=reply.what_happened,
+        what=f"{reply.what_happened} ({corners})",
         why=reply.why,
         how=reply.how_to_recover,
-        motion={axis: value for axis, value in motion.items() if value},
+        motion={**motion, **{axis: by for axis, by in shift.items() if by}},
+        changes={f: by for f, by in changes.items() if by},
     )
+
+
+def _goal_change(reply: BaseModel, formation: Formation) -> Partial:
+    """The change that a reply names of a formation's goal [m]; of 0 none."""
+    changes = {axis: _change(reply, formation, axis) for axis in OWNED[formation]}
+    return {axis: by for axis, by in changes.items() if by}
 
 
 def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
@@ -81,7 +93,7 @@ def _shifts(step: AbsoluteStep) -> Partial:
     return {axis: by for axis, by in told.items() if by}
 
 
-def _change(reply: BoundedPlan, formation: Formation, axis: Axis) -> float:
+def _change(reply: BaseModel, formation: Formation, axis: Axis) -> float:
     """A change that the reply names [m, rad]; 0 for a shift where its form has none."""
     return axis.from_report(getattr(reply, change_field(formation, axis), 0))
 
@@ -112,13 +124,15 @@ def refusal(recovery: Recovery, case: Case, limits: Limits, step_limit_m: float)
         return refused[0]
     if recovery.steps[-1].formation is not Formation.INSERTION:
         return f"a plan ends with {Formation.INSERTION}"
-    return _against_analysis(recovery.steps[0], recovery.analysis.motion, case)
+    told = (_against_analysis(step, recovery.analysis, case) for step in recovery.steps)
+    return next(filter(None, told), None)
 
 
-def _against_analysis(step: Step, suggested: Partial, case: Case) -> str | None:
-    """The reason why the plan's first change opposes the analysis's direction; None: it does
-    not."""
+def _against_analysis(step: Step, analysis: FailureAnalysis, case: Case) -> str | None:
+    """The reason why a change of the plan opposes the analysis's direction; None: it does not."""
+    of_goal = analysis.changes.get(step.formation, {})
     for axis, change in changes(step, case).items():
+        suggested = of_goal if axis in OWNED[step.formation] else analysis.motion
         told = suggested.get(axis, 0.0)
         if _opposed(change, told):
             unit = axis.report_unit

@@ -16,12 +16,22 @@ from pydantic_ai.messages import BinaryContent, UserContent
 from pliant import pictures
 from pliant.belief import Belief
 from pliant.cell import Stop
+from pliant.envelope import Limits
 from pliant.errors import InputError
-from pliant.formations import MOST_TURN, OWNED, Formation, Goals, Step
+from pliant.formations import OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose, describe
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.figures import figures
+from pliant.reasoners.vlm.settings import Decider, Settings
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
 from pliant.vision.scene import Measured, Scene
+
+ASKED = {
+    "judge": "judge this execution.",
+    "analyse": "analyse this failure.",
+    "plan": "plan the recovery.",
+    "both": "analyse this failure, and plan the recovery.",
+}
+"""The words with which a request ends, by its stage; "both" asks for analysis and plan at once."""
 
 _NOT_MADE = "–"
 _BELIEVED = {
@@ -36,28 +46,27 @@ _BELIEVED = {
 _APART_M = 0.003  # a reading so far from the belief is not believed
 
 
-def instructions(settings: Settings, case: Case, *stages: str) -> str:
-    """The static part: the task with its method's skills, then what is asked in each of `stages`.
+def instructions(settings: Settings, case: Case, limits: Limits) -> str:
+    """The static part: the task with its method's skills, the picture, and what is asked in each
+    stage that the model decides. It is the same for all requests of a trial.
 
     Raises:
         InputError: the method has no words for a model.
     """
-    task = case.task
-    values = {
-        "peg": f"the {task.peg.name}, {task.peg.length * 1e3:.0f} mm long",
-        "clearance_mm": f"{task.hole.clearance * 1e3:g}",
-        "depth_mm": f"{task.depth * 1e3:g}",
-        "step_limit_mm": f"{settings.step_limit_mm:g}",
-        "turn_limit_deg": f"{Axis.PITCH.to_report(MOST_TURN):g}",
-    }
     words = case.method.words
     if "task" not in words:
         raise InputError(
             f"method {case.method.name} has no words for a model: its `words` must hold a 'task',"
             " which says what its skills do"
         )
-    prompts = (words.get(name) or _common(name) for name in ("task", *stages))
-    return "\n".join(Template(text).substitute(values) for text in prompts)
+    names = ["task", "picture"]
+    if settings.judge is Decider.VLM:
+        names.append("judge")
+    if settings.recover is Decider.VLM:
+        names += ["analyse", f"plan_{settings.plan}"]
+    values = figures(case, settings, limits)
+    prompts = (words.get(name) or _common(name) for name in names)
+    return "\n\n".join(Template(text).substitute(values).strip() for text in prompts)
 
 
 @cache
@@ -77,11 +86,13 @@ def situation(
     case: Case,
     settings: Settings,
     *,
+    asked: str,
     goal_picture: bool = False,
     verdict: Verdict | None = None,
     analysis: FailureAnalysis | None = None,
 ) -> list[UserContent]:
-    """The case as text and pictures; with the verdict or the analysis that came before."""
+    """The case as text and pictures, with the verdict or the analysis that came before, and last
+    what is `asked` of it."""
     content: list[UserContent] = []
     formation = case.outcome.step.formation
     shown = case.teaching.demonstrations.get(formation) if goal_picture else None
@@ -99,6 +110,7 @@ def situation(
         ]
         if "front" in views:
             content += ["The same from the front:", picture(views["front"].image)]
+    content.append(f"Asked of you now: {asked} Give your answer in the required structure.")
     return content
 
 
@@ -120,10 +132,13 @@ def _sections(
             f"\nconflict: {verdict.conflict}" if verdict.conflict else ""
         )
     if analysis is not None:
-        motion = describe(analysis.motion) or "none"
+        shift: Partial = {a: v for a, v in analysis.motion.items() if a not in (Axis.Y, Axis.Z)}
+        changes = [f"{f} {describe(by)}" for f, by in analysis.changes.items()]
         yield (
             f"## Analysis\nwhat happened: {analysis.what}\nwhy: {analysis.why}\n"
-            f"how to recover: {analysis.how}\nsuggested motion: {motion}"
+            f"how to recover: {analysis.how}\n"
+            f"changes of the goals: {'; '.join(changes) or 'none'}"
+            + (f"\nshift from the belief: {describe(shift)}" if shift else "")
         )
 
 
@@ -302,6 +317,11 @@ def _tenths(value: float) -> str:
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, ["---"] * len(head), *rows])
+
+
+def shown(picture: BinaryContent) -> NDArray[np.uint8]:
+    """A picture of a request (height, width, 3), RGB."""
+    return pictures.decoded(picture.data)
 
 
 def picture(image: NDArray[np.uint8]) -> BinaryContent:

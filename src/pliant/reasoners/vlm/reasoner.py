@@ -14,8 +14,9 @@ from pydantic import BaseModel
 from pydantic_ai.messages import UserContent
 from pydantic_ai.models import Model
 
+from pliant.cell import Stop
 from pliant.envelope import Limits
-from pliant.formations import Formation
+from pliant.formations import RECOVERABLE, Formation
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import plans, prompt
 from pliant.reasoners.vlm.conversation import ModelAnswer, ask
@@ -34,6 +35,7 @@ from pliant.records import Case, Exchange, FailureAnalysis, Recovery, Verdict
 
 T = TypeVar("T", bound=BaseModel)
 _SILENT = 3  # decisions in a row without any reply, after which the trial asks no more
+_CHECKS = "checks"
 _VOTE = {"success": True, "failure": False, "not available": None}
 
 
@@ -65,6 +67,9 @@ class Vlm:
         settings = self.settings
         if settings.judge is Decider.RULES:
             return self.rules.judge(case)
+        known = unasked(case)
+        if known is not None:
+            return known
         if settings.skip_agreed:
             agreed = _agreed(case)
             if agreed is not None:
@@ -73,9 +78,13 @@ class Vlm:
         answer = self._ask(
             case,
             "judge",
-            prompt.situation(case, settings, goal_picture=settings.goal_picture and is_insertion),
+            prompt.situation(
+                case,
+                settings,
+                asked=prompt.ASKED["judge"],
+                goal_picture=settings.goal_picture and is_insertion,
+            ),
             Judgement,
-            ("judge",),
             self._deadline(),
         )
         said = answer.value
@@ -111,9 +120,13 @@ class Vlm:
         until = self._deadline()
         if self.settings.one_call:
             return self._planned(case, verdict, None, (), until)
-        content = prompt.situation(case, self.settings, verdict=self._told(case, verdict))
-        form = analysis_form(case.method)
-        answer = self._ask(case, "analyse", content, form, ("analyse",), until)
+        content = prompt.situation(
+            case,
+            self.settings,
+            asked=prompt.ASKED["analyse"],
+            verdict=self._told(case, verdict),
+        )
+        answer = self._ask(case, "analyse", content, analysis_form(case.method), until)
         if answer.value is None:
             return self._instead(case, verdict, None, answer.problem, answer.exchanges)
         analysis = plans.analysis_of(answer.value)
@@ -130,7 +143,6 @@ class Vlm:
         """The executable plan; with `analysis` None the same reply holds the analysis."""
         settings = self.settings
         plan = _plan(case, settings)
-        asked = ("analyse",) if analysis is None else ()
         reply = with_analysis(plan, analysis_form(case.method)) if analysis is None else plan
         most_m = settings.step_limit_mm * 1e-3
 
@@ -145,9 +157,14 @@ class Vlm:
         answer = self._ask(
             case,
             "plan",
-            prompt.situation(case, settings, verdict=self._told(case, verdict), analysis=analysis),
+            prompt.situation(
+                case,
+                settings,
+                asked=prompt.ASKED["both" if analysis is None else "plan"],
+                verdict=self._told(case, verdict),
+                analysis=analysis,
+            ),
             reply,
-            (*asked, f"plan_{settings.plan}"),
             until,
             check=lambda said: (
                 plans.in_metres(said, case)
@@ -204,7 +221,6 @@ class Vlm:
         stage: str,
         content: Sequence[UserContent],
         reply: type[T],
-        asked: tuple[str, ...],
         until: float,
         check: Callable[[T], str | None] = lambda _: None,
     ) -> ModelAnswer[T]:
@@ -219,7 +235,7 @@ class Vlm:
             self._wire,
             self.settings,
             stage=stage,
-            instructions=prompt.instructions(self.settings, case, *asked),
+            instructions=prompt.instructions(self.settings, case, self.limits),
             content=content,
             reply=reply,
             deadline_s=left,
@@ -255,6 +271,23 @@ def _plan(case: Case, settings: Settings) -> type[BaseModel]:
     return bounded_plan(settings.step_limit_mm, case.method)
 
 
+def unasked(case: Case) -> Verdict | None:
+    """The verdict that no model is asked for; None: one is. CF0 and CF1 are taken to succeed where
+    the arm got there (Sec. III), and a compression stop is a failure of whatever it ended
+    (Sec. V-A)."""
+    evidence, stopped = case.evidence, case.outcome.stop is Stop.COMPRESSION
+    if not stopped and case.outcome.step.formation in RECOVERABLE:
+        return None
+    failed = [c for c in evidence.checks if c.vote is False]
+    return Verdict(
+        success=not stopped and not failed,
+        reason="; ".join(f"{c.name}: {c.message}" for c in failed or evidence.checks),
+        votes=evidence.votes,
+        conflict=None,
+        by=_CHECKS,
+    )
+
+
 def _agreed(case: Case) -> Verdict | None:
     """The verdict of checks that all say the same; None: they do not, or one could not be made."""
     votes = case.evidence.votes
@@ -262,4 +295,4 @@ def _agreed(case: Case) -> Verdict | None:
         return None
     success = True in votes.values()
     reason = "; ".join(f"{c.name}: {c.message}" for c in case.evidence.checks)
-    return Verdict(success=success, reason=reason, votes=votes, conflict=None, by="checks")
+    return Verdict(success=success, reason=reason, votes=votes, conflict=None, by=_CHECKS)

@@ -22,6 +22,7 @@ Millimetres = Annotated[float, Field(allow_inf_nan=False, ge=-_MOST_MM, le=_MOST
 Degrees = Annotated[float, Field(allow_inf_nan=False, ge=-_MOST_DEG, le=_MOST_DEG)]
 F = TypeVar("F", bound=BaseModel)
 Skill = Literal["fit", "align", "insertion"]
+Corner = Literal["above the board", "on the board", "in the hole", "not seen"]
 
 
 class Strict(BaseModel):
@@ -45,11 +46,17 @@ class Judgement(Strict):
 class Analysis(Strict):
     """Your analysis of the failure."""
 
+    bottom_left_corner: Corner = Field(description="Where the peg's bottom-left corner is")
+    bottom_right_corner: Corner = Field(description="Where the peg's bottom-right corner is")
     what_happened: Words
     why: Words
+    wrong_goal: Literal["fit", "align", "insertion", "none"] = Field(
+        description="The goal that was wrong, which may be an earlier skill's"
+    )
     how_to_recover: Words = Field(description="In words, with direction and size")
-    y_motion_mm: Millimetres = Field(description="Suggested motion from the current goal along y")
-    z_motion_mm: Millimetres = Field(description="Suggested motion from the current goal along z")
+    fit_y_change_mm: Millimetres = Field(description="Change of the goal of fit along y")
+    align_y_change_mm: Millimetres = Field(description="Change of the goal of align along y")
+    insertion_z_change_mm: Millimetres = Field(description="Change of the goal of insertion, z")
 
 
 class AbsoluteStep(Strict):

@@ -141,12 +141,41 @@ class Settings:
         return Output.TOOL if self.base_url is None else Output.NATIVE
 
 
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "paper": {
+        "output": "tool",
+        "plan": "absolute",
+        "judge": "vlm",
+        "recover": "vlm",
+        "one_call": False,
+        "skip_agreed": False,
+        "measurements": False,
+        "belief": False,
+        "history": 0,
+        "step_limit_mm": 1000.0,
+        "fallback": False,
+    },
+}
+"""Settings by name, as fields of a file. `paper` is the paper's own setting: the model judges and
+plans in two stages with absolute goals by function calling, sees no earlier execution and no
+measurement in millimetres, and no rules stand behind it; a goal may change as far as the envelope
+lets it."""
+
+
 def from_fields(given: Mapping[str, Any]) -> Settings:
-    """Settings from the fields of a file, in YAML's types.
+    """Settings from the fields of a file, in YAML's types. The field `preset` gives those of
+    `PRESETS`, and the others win over it.
 
     Raises:
         InputError: a field is unknown, or its value is not valid.
     """
+    given = dict(given)
+    preset = given.pop("preset", None)
+    if preset is not None:
+        if preset not in PRESETS:
+            with within("preset"):
+                raise unknown("preset of the VLM", str(preset), [*PRESETS])
+        given = {**PRESETS[preset], **given}
     names = [f.name for f in fields(Settings)]
     for name in given:
         if name not in names:
