@@ -23,12 +23,14 @@ KEYS = ("GOOGLE_API_KEY", "ANTHROPIC_API_KEY", "OPENAI_API_KEY", "PLIANT_VLM_KEY
 @dataclass(frozen=True, eq=False)
 class Family:
     """A class of models at a provider, and the settings that it is asked with. `forces`: the form
-    that is wanted can be chosen for it."""
+    that is wanted can be chosen for it. `caches`: what is the same in each request of a trial is
+    long enough for its cache, and what is read from that is told."""
 
     model: str
     rules: Rules
     settings: dict[str, Any] = field(default_factory=dict)
     forces: bool = True
+    caches: bool = True
 
     def __str__(self) -> str:
         served = f"{getattr(self.rules, 'name', '')} " if self.is_own else ""

@@ -21,10 +21,12 @@ SEED = 6  # Fit fails twice, so that every stage is asked for
 FAMILIES = [
     Family("openai-chat:gpt-4o", Chat()),
     Family("openai:gpt-5", Responses(), {"effort": Effort.MEDIUM}),
-    Family("anthropic:claude-haiku-4-5", Messages()),
+    Family("anthropic:claude-haiku-4-5", Messages(), caches=False),
     Family("anthropic:claude-sonnet-5-5", Messages(), {"effort": Effort.LOW}, forces=False),
-    Family("google:gemini-3-pro-preview", Gemini(), {"effort": Effort.HIGH}),
-    *(Family("small", rules) for rules in (Vllm(), Ollama(), LmStudio(), LlamaCpp())),
+    Family("google:gemini-2.5-flash", Gemini()),
+    Family("google:gemini-3-pro-preview", Gemini(), {"effort": Effort.HIGH}, caches=False),
+    *(Family("small", rules) for rules in (Vllm(), LlamaCpp())),
+    *(Family("small", rules, caches=False) for rules in (Ollama(), LmStudio())),
 ]
 
 
@@ -53,4 +55,7 @@ def test_a_trial_is_judged_analysed_planned_and_inserted(family: Family) -> None
     assert sum(len(asked.pictures) for asked in server.asked) == len(exchanges) + 1
     # And the tokens that the provider counts, cached ones too, are those that the record has.
     assert [e.cached_tokens for e in exchanges] == [usage.read for usage in server.usages]
+    first, *later = [usage.read for usage in server.usages]
+    assert first == 0
+    assert {read > 1024 for read in later} == {family.caches}
     assert [e.input_tokens for e in exchanges] == [usage.sent for usage in server.usages]
