@@ -267,6 +267,11 @@ PAGES: Mapping[str, Page] = {
                 makes=("exports/lerobot/README.md", "exports/failure-qa/train.jsonl"),
                 slow=True,
             ),
+            "pliant export runs/mine --chat exports/chat": Comes(
+                says=(r"chat: .*: \d+ train, \d+ test conversations",),
+                makes=("exports/chat/README.md", "exports/chat/train.jsonl"),
+                slow=True,
+            ),
             "pliant export runs/mine --rerun exports/trial.rrd --trial"
             " L0-circle-all-rules-6": Comes(
                 less="--fps 1", makes=("exports/trial.rrd",), slow=True
@@ -274,6 +279,7 @@ PAGES: Mapping[str, Page] = {
             "python 1": Comes(says=(r"^L0-\S+ \S+ \[.*\] \(480, 640, 3\)$",), slow=True),
             "python 2": NotRun(because="lerobot comes with PyTorch: reproduce/lerobot_reader.sh"),
             "python 3": Comes(says=(r"^exports/failure-qa/\S+\.png",), slow=True),
+            "python 4": Comes(says=(r"^\w+ exports/chat/pictures/\S+\.png \{",), slow=True),
         }
     ),
     "docs/emulator.md": Page(
@@ -409,6 +415,12 @@ PAGES: Mapping[str, Page] = {
         blocks={
             "text 1": PICTURE,
             "python 1": Comes(says=("^approach True -", "^insertion True 0.02", "^inserted$")),
+        }
+    ),
+    "docs/prompts.md": Page(
+        blocks={
+            f"text {n}": Elsewhere(test="test_prompts_page.py", word="write_prompts")
+            for n in range(1, 68)
         }
     ),
     "docs/real-cell.md": Page(

@@ -45,7 +45,7 @@ to judge, to analyse and to plan. Approach and Contact are not asked about, nor 
 limit ended ([assumptions](assumptions.md#the-vlm)). Each request begins with the same static part,
 then comes the situation, then the pictures, and last what is asked; the reply's structure goes
 with it as the function to call or the schema to fill. What is sent is chosen by
-[options](vlm.md#what-the-model-is-told); these are the defaults.
+[options](vlm.md#what-it-is-asked); these are the defaults.
 
 This page is written by `python tools/write_prompts.py`, and a test fails where it is not what
 would be sent.
