@@ -365,6 +365,11 @@ PAGES: Mapping[str, Page] = {
             "slow.py": Comes(),
         }
     ),
+    "docs/how-to/providers.md": Page(
+        blocks={
+            "pliant run --reasoner vlm --model anthropic:claude-opus-5 --effort low": HOSTED,
+        }
+    ),
     "docs/how-to/reasoner.md": Page(
         blocks={
             "pliant run --reasoner mine.py:Mine": Comes(

@@ -92,7 +92,7 @@ def test_a_model_on_this_machine_is_asked_past_the_proxy(host: str, proxied: lis
     with loopback(says_no) as server:
         address = server.base_url.replace("127.0.0.1", host)
         mind = vlm(Settings(model="small", base_url=address, picture=False))
-        mind.judge(simulated().judged[0])
+        mind.judge(simulated().judged[-1])
     assert server.received
     assert proxied == []
 
@@ -104,7 +104,7 @@ def test_a_provider_that_a_variable_points_here_is_asked_past_the_proxy(
     with loopback(says_no) as server:
         monkeypatch.setenv("OPENAI_BASE_URL", server.base_url)
         monkeypatch.setenv("PLIANT_VLM_KEY_FOR", server.base_url)
-        vlm(Settings(model="openai:gpt-4o", picture=False)).judge(simulated().judged[0])
+        vlm(Settings(model="openai:gpt-4o", picture=False)).judge(simulated().judged[-1])
     assert server.received
     assert proxied == []
 
@@ -112,7 +112,7 @@ def test_a_provider_that_a_variable_points_here_is_asked_past_the_proxy(
 @pytest.mark.usefixtures("own_server")
 def test_a_model_elsewhere_is_asked_through_the_proxy(proxied: list[str]) -> None:
     mind = vlm(Settings(model="small", base_url="http://192.0.2.1/v1", deadline_s=1))
-    mind.judge(simulated().judged[0])
+    mind.judge(simulated().judged[-1])
     assert proxied
     assert os.environ["NO_PROXY"] == "example.org"
 

@@ -28,6 +28,13 @@ def test_a_hosted_model_s_price_is_known_and_grows_with_what_it_is_asked() -> No
     assert 0.2 < whole.usd < 2.0
 
 
+def test_thoughts_are_paid_for_too() -> None:
+    prices = [cost(model="openai:gpt-5", effort=effort) for effort in (None, "low", "high")]
+    dollars = [price.usd for price in prices if price is not None and price.usd is not None]
+    assert len(dollars) == 3
+    assert dollars == sorted(set(dollars))
+
+
 def test_a_price_given_by_hand_counts() -> None:
     free, own = cost(usd_per_million=(0, 0)), cost(usd_per_million=(5, 20))
     published = cost()

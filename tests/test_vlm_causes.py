@@ -71,12 +71,12 @@ def says(text: str) -> Fields:
         (answering(200, {"error": "out of memory"}), "out of memory"),
         (
             answering(message=THOUGHTS, finish="length"),
-            "its thoughts took the whole reply, which was cut at 1000 tokens: give more with"
+            "its thoughts took the whole reply, which was cut at 8000 tokens: give more with"
             " --reply-tokens",
         ),
         (
             answering(message=says('{"pose_check": "succ'), finish="length"),
-            "the reply was cut at 1000 tokens: give more with --reply-tokens",
+            "the reply was cut at 8000 tokens: give more with --reply-tokens",
         ),
         (answering(message=THOUGHTS), "the reply holds thoughts and no answer"),
         (answering(message=says("")), "the reply is empty"),
@@ -114,7 +114,7 @@ def test_a_server_that_wants_the_other_name_of_the_longest_reply_gets_it() -> No
             told = "Unsupported parameter: 'max_tokens'. Use 'max_completion_tokens' instead."
             handler.send(json.dumps({"error": {"message": told}}).encode(), status=400)
         else:
-            assert handler.received.body["max_completion_tokens"] == 1000
+            assert handler.received.body["max_completion_tokens"] == 8000
             handler.send(completion(handler.received.body, json.dumps(right())))
 
     with loopback(behave) as server:
@@ -156,7 +156,10 @@ def test_a_silent_model_is_given_up_with_the_reason_for_its_silence() -> None:
     with loopback(answering(404, {"error": "no such model"})) as server:
         mind = vlm(Settings(model="small", base_url=server.base_url, picture=False))
         told = [mind.judge(case).fallback for _ in range(4)][-1]
-    assert told == "not asked: the model was silent 3 times in a row, last for 404: no such model"
+    assert told == (
+        "not asked: the model was silent 3 times in a row, last for 404: no such model; see that"
+        " --model and the address are right"
+    )
 
 
 def test_the_package_that_a_socks_proxy_needs_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

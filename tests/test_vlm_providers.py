@@ -119,7 +119,6 @@ def keys(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PLIANT_VLM_KEY_FOR", raising=False)
 
 
-@pytest.mark.filterwarnings("ignore:Sampling parameters:UserWarning")
 @pytest.mark.parametrize("output", [Output.TOOL, Output.PROMPTED])
 @pytest.mark.parametrize("model", list(PROVIDERS))
 def test_the_pictures_reach_every_provider(
@@ -162,7 +161,6 @@ def test_a_providers_key_is_for_that_provider_alone(
     vlm(Settings(model=model))  # to its own server it goes
 
 
-@pytest.mark.filterwarnings("ignore:Sampling parameters:UserWarning")
 @pytest.mark.parametrize("code", [307, 308])
 @pytest.mark.parametrize("model", list(PROVIDERS))
 def test_no_client_follows_a_redirect_and_its_target_is_named(

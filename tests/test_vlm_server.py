@@ -93,7 +93,7 @@ def test_a_server_is_asked_with_both_pictures_and_its_answer_counts(output: Outp
         assert picture.shape == (480, 640, 3)
     shown = case.outcome.looks[-1].observation.views["side"].image
     assert picture_name(exchange.pictures[1]) == picture_name(shown)
-    assert (body["max_tokens"], body["temperature"]) == (1000, 0)
+    assert (body["max_tokens"], body["temperature"]) == (8000, 0)
     assert ("tools" in body) == (output is Output.TOOL)
     if output is Output.NATIVE:
         assert body["response_format"]["json_schema"]["strict"]

@@ -118,7 +118,7 @@ def test_a_recording_says_what_made_it(tmp_path: Path) -> None:
     head, *lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     assert {"pliant", "pydantic-ai-slim", "openai"} <= set(head["versions"])
     exchange = next(line for line in lines if "request" in line)
-    assert exchange["request"]["sampling"] == {"temperature": 0.0, "max_tokens": 1000}
+    assert exchange["request"]["sampling"] == {"temperature": 0.0, "max_tokens": 8000}
     assert exchange["reply"]["usage"]["output_tokens"] > 0
     assert exchange["latency_s"] >= 0
 

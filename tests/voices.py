@@ -36,7 +36,9 @@ def reply(info: AgentInfo, fields: Fields) -> ModelResponse:
     """The fields as the reply that this request asks for: a function call, or JSON."""
     parts: list[ModelResponsePart] = [TextPart(json.dumps(fields))]
     if info.output_tools:
-        parts = [ToolCallPart(info.output_tools[0].name, fields)]
+        chosen = (info.model_settings or {}).get("tool_choice")
+        name = chosen[0] if isinstance(chosen, list) else info.output_tools[0].name
+        parts = [ToolCallPart(name, fields)]
     # The library's own estimate counts a picture's bytes as tokens, and soon spends the budget.
     usage = RequestUsage(input_tokens=900, output_tokens=60)
     return ModelResponse(parts=parts, usage=usage)

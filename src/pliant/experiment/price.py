@@ -3,15 +3,16 @@
 from dataclasses import dataclass
 
 from pliant.experiment.cells import Cell, Experiment
-from pliant.reasoners.vlm.settings import Decider, Detail, Settings
+from pliant.reasoners.vlm.settings import Decider, Detail, Effort, Settings
 
-# Measured with a scripted model that answers as the rules do (circle, all, seeds 1 to 8): 8.4
-# requests a trial, 3,500 characters and 1.1 pictures each.
-_VERDICTS, _RECOVERIES = 6.9, 0.8  # a trial
-_WORDS = 1150  # tokens: characters / 4, and the reply's schema
+# Measured with a scripted model that answers as the rules do (circle, all, seeds 1 to 8): 6.4
+# requests a trial, 12,700 characters with the forms of the replies and 1.16 pictures each.
+_VERDICTS, _RECOVERIES = 4.1, 1.1  # a trial
+_WORDS = 3150  # tokens: characters / 4; what a cache makes cheaper is not taken off
 _PICTURE = {Detail.LOW: 85, Detail.HIGH: 765}  # tokens of 640 x 480, as OpenAI counts them
 _PROBE = 150  # tokens of the words of the request that is sent first, and the reply's schema
 _REPLY = 250  # tokens: a guess, models differ in how much they say
+_THOUGHTS = {None: 0, Effort.LOW: 500, Effort.MEDIUM: 2000, Effort.HIGH: 6000}  # tokens: a guess
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,10 +63,10 @@ def _trial(cell: Cell) -> tuple[float, float, float]:
     if settings.recover is Decider.VLM:
         requests += _RECOVERIES * (1 if settings.one_call else 2)
     pictures = (
-        settings.picture * 1.0 + (settings.goal_picture and settings.judge is Decider.VLM) / 7
+        settings.picture * 1.0 + (settings.goal_picture and settings.judge is Decider.VLM) / 6
     )
     sent = requests * (_WORDS + pictures * _PICTURE[settings.detail])
-    return requests, sent, requests * _REPLY
+    return requests, sent, requests * (_REPLY + _THOUGHTS[settings.effort])
 
 
 def _probe(cell: Cell) -> tuple[float, float, float]:

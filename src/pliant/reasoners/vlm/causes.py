@@ -26,6 +26,18 @@ from pliant.reasoners.vlm.words import one_line
 _SOON = (408, 409, 425)  # refusals of the moment, whatever the request is
 _SAY = ("message", "error", "detail", "msg", "errors")  # where servers put their words
 
+NO_KEY = "no key was sent"
+_MOST_TOLD = 300  # characters of a server's words, so that the advice has room
+_DO = {
+    401: "see that the key is this server's",
+    403: "see what the key may do",
+    404: "see that --model and the address are right",
+    413: "send less with --no-goal-picture or fewer --history",
+    429: "wait, or send fewer at once",
+    529: "the provider has too much to do: try later",
+}
+"""What to do about a status."""
+
 MAY_PASS = (
     ModelRateLimitError,
     ModelUnavailableError,
@@ -40,9 +52,11 @@ def why(error: BaseException, base_url: str | None = None) -> str:
     operating system says of the connection to `base_url`."""
     if isinstance(error, ModelHTTPError) and not 300 <= error.status_code < 400:
         meant = error.suggested_model_id
-        told = said(error.body) or "no reason given"
-        hint = f"; did you mean {meant}?" if meant else ""
-        return one_line(f"{error.status_code}: {told}{hint}")
+        told = one_line(said(error.body))[:_MOST_TOLD] or "no reason given"
+        more = list(getattr(error, "__notes__", ()))
+        more += [f"did you mean {meant}?"] if meant else _advice(error)
+        told = told.rstrip(".") if more else told
+        return one_line("; ".join([f"{error.status_code}: {told}", *more]))
     if isinstance(error, ModelConnectionError):
         place = f" to {address(base_url)}" if base_url else ""
         return one_line(f"connection{place} failed: {_systems(error)}")
@@ -53,6 +67,15 @@ def why(error: BaseException, base_url: str | None = None) -> str:
             " the key would go there; if that is the server, give its address"
         )
     return one_line(str(error)) or type(error).__name__
+
+
+def _advice(error: ModelHTTPError) -> list[str]:
+    """Advice that goes beyond the server's words; empty: none."""
+    if error.retry_after is not None or NO_KEY in str(error.body):
+        return []
+    if isinstance(error, ModelQuotaExceededError):
+        return ["waiting does not help: see the account's billing and limits"]
+    return [_DO[error.status_code]] if error.status_code in _DO else []
 
 
 def causes(error: BaseException | None) -> Iterator[BaseException]:

@@ -8,7 +8,7 @@ usable reply, or why there is none.
 import asyncio
 import threading
 import time
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
@@ -21,6 +21,7 @@ from pydantic_ai.exceptions import (
     UsageLimitExceeded,
 )
 from pydantic_ai.messages import UserContent
+from pydantic_ai.output import OutputSpec
 from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import UsageLimits
 
@@ -36,7 +37,6 @@ _AGAIN = 1  # times a refused reply is asked for again
 _TWICE = UsageLimits(request_limit=1 + _AGAIN)  # however many kinds of mistakes a model makes
 _GRACE_S = 5.0  # beyond the deadline, for a client that does not heed it
 _WAIT_S = 0.2
-_TAG = {Output.TOOL: ToolOutput, Output.NATIVE: NativeOutput, Output.PROMPTED: PromptedOutput}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,29 +62,33 @@ def ask(
     reply: type[T],
     deadline_s: float,
     check: Callable[[T], str | None] = lambda _: None,
+    forms: Mapping[str, type[BaseModel]] | None = None,
 ) -> ModelAnswer[T]:
     """Ask for a `reply`; `check` says why one cannot be used, and the model is told so once.
+
+    `forms` are all that a trial asks for, by their stages. Function calling offers them in each
+    stage, so that what stands before the question stays the same and can be cached. Which one is
+    wanted is enforced where the model takes a choice; else a wrong one is refused as any other.
 
     Raises:
         InputError: a recording does not fit, or cannot be written.
     """
+    offered: dict[str, type[BaseModel]] = {**(forms or {}), stage: reply}
     agent: Agent[None, Any] = Agent(
         wire,
-        output_type=_TAG[settings.output_mode](reply, name=stage),
+        output_type=_output(settings.output_mode, offered, stage),
         instructions=instructions,
         retries={"output": _AGAIN},
-        model_settings=ModelSettings(
-            temperature=settings.temperature,
-            max_tokens=settings.reply_tokens,
-            timeout=deadline_s,
-            max_retries=0,  # of the client's own: the wire counts them
-        ),
+        model_settings=_sampling(settings, deadline_s, stage if len(offered) > 1 else None),
     )
     refusals: list[str] = []
     read: list[T] = []
 
     @agent.output_validator
     def usable(value: T) -> T:
+        if type(value) is not reply:
+            refusals.append(f"it gave another form than {stage}, which was asked for")
+            raise ModelRetry(f"This was not asked for. Call {stage}.")
         read.append(value)
         why = check(value)
         if why is not None:
@@ -122,6 +126,32 @@ def ask(
         exchanges=_exchanges(stage, wire.calls[before:], problem),
         is_final=is_final,
     )
+
+
+def _output(mode: Output, offered: Mapping[str, type[BaseModel]], stage: str) -> OutputSpec[Any]:
+    """The forms of a reply, as the library takes them. Without function calling there is one."""
+    if mode is Output.TOOL:
+        return [ToolOutput(form, name=name) for name, form in offered.items()]
+    tag = NativeOutput if mode is Output.NATIVE else PromptedOutput
+    return tag(offered[stage], name=stage)
+
+
+def _sampling(settings: Settings, deadline_s: float, choice: str | None) -> ModelSettings:
+    """The settings of a request; `choice` is the form to call where there are several. The wire
+    adapts them to the model."""
+    sampling = ModelSettings(
+        max_tokens=settings.reply_tokens,
+        timeout=deadline_s,
+        max_retries=0,  # of the client's own: the wire counts them
+        cache={"messages": False},  # what is the same in every request of a trial
+    )
+    if settings.temperature is not None:
+        sampling["temperature"] = settings.temperature
+    if settings.effort is not None:
+        sampling["thinking"] = settings.effort.value
+    if choice is not None and settings.output_mode is Output.TOOL:
+        sampling["tool_choice"] = [choice]
+    return sampling
 
 
 def _flaw(calls: Sequence[Call]) -> str:

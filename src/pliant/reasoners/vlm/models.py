@@ -2,17 +2,19 @@
 
 import os
 import re
-from typing import Any
+from dataclasses import replace
+from typing import Any, cast
 
 from pydantic_ai.exceptions import ModelHTTPError, ModelRequestRejectedError, UserError
 from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models import Model, ModelRequestParameters, infer_model
 from pydantic_ai.models.function import AgentInfo, FunctionModel
+from pydantic_ai.profiles import ModelProfile
 from pydantic_ai.settings import ModelSettings
 
 from pliant.errors import InputError
 from pliant.network import keep_direct, origin
-from pliant.reasoners.vlm.causes import address, refusal, said
+from pliant.reasoners.vlm.causes import NO_KEY, address, refusal, said
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Replayer
 from pliant.reasoners.vlm.words import one_line
@@ -31,6 +33,9 @@ _HOMES = {
 """The servers where the keys go that the providers' own variables hold, by the client's
 `system`."""
 
+_THOUGHTS = {"low": 2048, "medium": 8192, "high": 24_576}
+"""Tokens of thoughts by effort, for models that count them."""
+
 _NEEDS_KEY = (401, 403)
 _ACCOUNT = ("OpenAI-Organization", "OpenAI-Project")  # headers that its client adds for OpenAI
 
@@ -48,7 +53,7 @@ def model_of(settings: Settings) -> Model:
         )
     try:
         if settings.base_url is None:
-            return _inferred(settings.model)
+            return _thinking(_inferred(settings.model), settings)
         return _served(settings.model.removeprefix("openai:"), settings.base_url)
     except ImportError as error:
         if "socksio" in str(error):
@@ -76,6 +81,62 @@ def takes_detail(model: Model) -> bool:
     return isinstance(model, OpenAIChatModel | OpenAIResponsesModel)
 
 
+def as_taken(model: Model, given: ModelSettings) -> ModelSettings:
+    """The settings of a request as the model's class takes them: without a temperature or a choice
+    of form that it refuses, and with thoughts that leave half of the reply to the answer where
+    the class counts them."""
+    profile, taken = model.profile, given.copy()
+    asked = given.get("thinking")
+    thinks = bool(asked) or profile.get("thinking_enabled_by_default", False)
+    if not _takes_temperature(model, profile, thinks):
+        taken.pop("temperature", None)
+    if not _can_be_forced(profile, thinks):
+        taken.pop("tool_choice", None)
+    if asked:
+        most = min(_THOUGHTS[str(asked)], given.get("max_tokens", 0) // 2)
+        taken |= _counted(model, profile, most)
+    return taken
+
+
+def _takes_temperature(model: Model, profile: ModelProfile, thinks: bool) -> bool:
+    fixed = bool(profile.get("anthropic_disallows_sampling_settings"))
+    classes = model.system == "anthropic" or bool(profile.get("openai_supports_reasoning"))
+    return not fixed and not (thinks and classes)
+
+
+def _can_be_forced(profile: ModelProfile, thinks: bool) -> bool:
+    """Whether a form can be chosen for the model, and it thinks all the same where it does."""
+    if not profile.get("supports_forced_tool_choice", True):
+        return False
+    return not thinks or (
+        profile.get("supports_forced_tool_choice_with_thinking", True)
+        and not profile.get("forced_tool_choice_disables_thinking", False)
+    )
+
+
+def _counted(model: Model, profile: ModelProfile, most: int) -> ModelSettings:
+    """The longest thoughts, where a class counts them in tokens; others know efforts alone."""
+    by_level = profile.get("google_supports_thinking_level", True)
+    if model.system == "google" and not by_level:
+        thoughts: dict[str, Any] = {"include_thoughts": True, "thinking_budget": most}
+        return ModelSettings(google_thinking_config=thoughts)  # type: ignore[typeddict-unknown-key]
+    adapts = profile.get("anthropic_supports_adaptive_thinking", False)
+    if model.system == "anthropic" and not adapts:
+        thoughts = {"type": "enabled", "budget_tokens": most}
+        return ModelSettings(anthropic_thinking=thoughts)  # type: ignore[typeddict-unknown-key]
+    return ModelSettings()
+
+
+def _thinking(model: Model, settings: Settings) -> Model:
+    """The model; raises InputError where an effort is asked of one that does not think."""
+    if settings.effort is not None and not model.profile.get("supports_thinking", False):
+        raise InputError(
+            f"model '{settings.model}' does not think, as far as its client knows, and --effort"
+            f" {settings.effort} is for those that do: leave it out"
+        )
+    return model
+
+
 def _inferred(name: str) -> Model:
     """A provider's model, at that provider's own server or the one that `KEY_FOR` names. Where
     variables of the provider point it at this machine, its client is made again, since it has read
@@ -100,7 +161,7 @@ def _served(name: str, base_url: str) -> Model:
     """The model that the server at `base_url` knows as `name`."""
     from openai import omit
     from openai.types.chat import ChatCompletion
-    from pydantic_ai.models.openai import OpenAIChatModel
+    from pydantic_ai.models.openai import OpenAIChatModel, OpenAIChatModelSettings
     from pydantic_ai.profiles.openai import OpenAIModelProfile
     from pydantic_ai.providers.openai import OpenAIProvider
 
@@ -123,6 +184,9 @@ def _served(name: str, base_url: str) -> Model:
             model_request_parameters: ModelRequestParameters,
         ) -> ModelResponse:
             ask = super().request
+            model_settings, model_request_parameters = plain(
+                model_settings or {}, model_request_parameters
+            )
             try:
                 return await ask(messages, model_settings, model_request_parameters)
             except ModelHTTPError as error:
@@ -147,20 +211,34 @@ def _served(name: str, base_url: str) -> Model:
             details = super()._process_provider_details(response) or {}
             return details | {"system_fingerprint": response.system_fingerprint}
 
+    def plain(
+        given: ModelSettings, parameters: ModelRequestParameters
+    ) -> tuple[ModelSettings, ModelRequestParameters]:
+        """The request as any such server understands it: the form that is wanted is offered
+        alone, since some refuse a choice by name and some ignore it; the effort is passed on."""
+        sent = cast(OpenAIChatModelSettings, {**given})
+        choice = sent.pop("tool_choice", None)
+        if isinstance(choice, list):
+            offered = [tool for tool in parameters.output_tools if tool.name in choice]
+            parameters = replace(parameters, output_tools=offered)
+        effort = sent.pop("thinking", None)
+        if effort in ("low", "medium", "high"):
+            sent["openai_reasoning_effort"] = effort
+        return sent, parameters
+
     if os.environ.get("OPENAI_CUSTOM_HEADERS"):
         raise InputError(
             f"OPENAI_CUSTOM_HEADERS is set, and its headers would be sent to {base_url}: unset it"
         )
-    key, is_for = os.environ.get(KEY), _key_is_for()
-    if key and is_for is None:
+    given, is_for = os.environ.get(KEY), _key_is_for()
+    if given and is_for is None:
         raise InputError(
             f"{KEY} is set, and not for which server, so that any could get it: set {KEY_FOR}"
             f" to the address it is for, such as {address(base_url)}, or unset {KEY}"
         )
-    if is_for != origin(base_url):
-        key = None
-    whose = f"{KEY} is for {address(is_for)}" if is_for else f"{KEY} is not set"
-    withheld = f"no key was sent to {address(base_url)}: {whose} (and {KEY_FOR} says for which)"
+    key = given if is_for == origin(base_url) else None
+    whose = f"{KEY} is for {address(is_for)}" if is_for and given else f"{KEY} is not set"
+    withheld = f"{NO_KEY} to {address(base_url)}: {whose} (and {KEY_FOR} says for which)"
     keep_direct(base_url)
     return Served(
         name,

@@ -240,6 +240,7 @@ class Vlm:
             reply=reply,
             deadline_s=left,
             check=check,
+            forms=_forms(case, self.settings),
         )
         if any(exchange.reply for exchange in answer.exchanges):
             self._silent = 0
@@ -247,6 +248,20 @@ class Vlm:
             self._silent += 1
             self._last = answer.problem
         return answer
+
+
+def _forms(case: Case, settings: Settings) -> dict[str, type[BaseModel]]:
+    """All forms that a trial asks for, by stage, the same in each of its requests."""
+    forms: dict[str, type[BaseModel]] = {}
+    if settings.judge is Decider.VLM:
+        forms["judge"] = Judgement
+    if settings.recover is Decider.VLM:
+        plan, analysis = _plan(case, settings), analysis_form(case.method)
+        if settings.one_call:
+            forms["plan"] = with_analysis(plan, analysis)
+        else:
+            forms |= {"analyse": analysis, "plan": plan}
+    return forms
 
 
 def _plan(case: Case, settings: Settings) -> type[BaseModel]:

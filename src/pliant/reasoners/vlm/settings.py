@@ -42,6 +42,14 @@ class Detail(StrEnum):
     HIGH = "high"
 
 
+class Effort(StrEnum):
+    """How much a model that thinks is to think before it answers."""
+
+    LOW = "low"
+    MEDIUM = "medium"
+    HIGH = "high"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """Every choice about the VLM; they are fields of an experiment file and options of `run`.
@@ -89,14 +97,16 @@ class Settings:
     """What a change that was refused twice is cut down to."""
     fallback: bool = True
     """Let the rules answer where the model gives nothing usable; else the trial stops there."""
-    temperature: float = 0.0
-    """Of the model's sampling."""
+    temperature: float | None = 0.0
+    """Of the model's sampling; not sent to a model known to refuse it. None: sent to none."""
+    effort: Effort | None = None
+    """Of a model that thinks: low, medium or high; None: the model's own."""
     detail: Detail = Detail.HIGH
     """Resolution of pictures for hosted models: low or high."""
-    deadline_s: float = 60.0
+    deadline_s: float = 180.0
     """For one decision, asking again included."""
-    reply_tokens: int = 1000
-    """The longest reply."""
+    reply_tokens: int = 8000
+    """The longest reply, thoughts included."""
     max_requests: int = 200
     """Per trial; then the rules go on."""
     max_tokens: int = 500_000
@@ -113,7 +123,7 @@ class Settings:
             raise InputError(f"step_limit_mm is {self.step_limit_mm:g}: it must be 1 or more")
         if self.history < 0:
             raise InputError(f"history is {self.history}: it must be 0 or more executions")
-        if not 0 <= self.temperature <= 2:
+        if self.temperature is not None and not 0 <= self.temperature <= 2:
             raise InputError(f"temperature is {self.temperature:g}: it must be from 0 to 2")
         if self.max_usd is not None and not self.max_usd > 0:
             raise InputError(f"max_usd is {self.max_usd:g}: it must be above 0")

@@ -28,7 +28,7 @@ from pydantic_ai.models.wrapper import WrapperModel
 from pydantic_ai.settings import ModelSettings
 
 from pliant.reasoners.vlm.causes import MAY_PASS, why
-from pliant.reasoners.vlm.models import takes_detail
+from pliant.reasoners.vlm.models import as_taken, takes_detail
 from pliant.reasoners.vlm.settings import Detail, Settings
 from pliant.reasoners.vlm.tape import RESPONSE, Reply, Request, Tape
 from pliant.reasoners.vlm.words import printable, without_keys
@@ -36,7 +36,8 @@ from pliant.reasoners.vlm.words import printable, without_keys
 TRIES = 3  # of one request, where trying again may help
 _PAUSE_S = 0.5  # before the second try; doubled after that
 _END_OF_THOUGHTS = "</think>"
-_CHARACTERS = 20  # of a reply per token that it may have; what is beyond that is cut off
+_MOST_ANSWER = 20_000  # characters; what is beyond is cut off
+_MOST_THOUGHTS = 20  # characters per token that the reply may have
 _ANYTHING: TypeAdapter[Any] = TypeAdapter(Any)
 
 
@@ -126,7 +127,7 @@ class Wire(WrapperModel):
             response = await self._tried(messages, model_settings, model_request_parameters)
             latency_s = _since(started)
             said = RESPONSE.validate_json(without_keys(RESPONSE.dump_json(response).decode()))
-            said = _cut(said, _CHARACTERS * self.budget.settings.reply_tokens)
+            said = _cut(_without_orphan(said), self.budget.settings.reply_tokens)
             message = RESPONSE.dump_python(said, mode="json")
             reply = Reply(message=message, error="", latency_s=latency_s)
         except asyncio.CancelledError:
@@ -147,15 +148,23 @@ class Wire(WrapperModel):
         if takes_detail(self.wrapped):
             messages = [_detailed(m, self.budget.settings.detail) for m in messages]
         prepared = self.wrapped.prepare_messages(messages, parameters)
+        settings = as_taken(self.wrapped, settings or {})
         for attempt in range(1, TRIES + 1):
             try:
                 return await self.wrapped.request(prepared, settings, parameters)
             except MAY_PASS as error:
                 if attempt == TRIES:
+                    error.add_note(f"asked {TRIES} times")
                     raise
                 asked = error.retry_after
                 pause = asked if asked is not None else _PAUSE_S * 2 ** (attempt - 1)
-                if time.monotonic() + pause >= self.until:
+                left = self.until - time.monotonic()
+                if pause >= left:
+                    if asked is not None:
+                        error.add_note(
+                            f"it says to wait {asked:.0f} s, and this decision has {left:.0f} s"
+                            " left: --deadline-s allows more"
+                        )
                     raise
                 await asyncio.sleep(pause)
         raise AssertionError("the last try returns or raises")
@@ -175,7 +184,7 @@ class Wire(WrapperModel):
         self.calls.append(
             _call(
                 messages,
-                reply=_text(response),
+                reply=_beginning(_text(response)),
                 model=response.model_name or self.wrapped.model_name,
                 input_tokens=usage.input_tokens,
                 cached_tokens=usage.cache_read_tokens,
@@ -225,11 +234,20 @@ def _words(
     if parameters.output_object is not None:
         schema.append(parameters.output_object.json_schema)
     chosen = settings or {}
+    effort = chosen.get("thinking")
+    choice = chosen.get("tool_choice")
     return {
         "instructions": _instructions(messages),
         "messages": "\n\n".join(_text(message) for message in messages),
-        "output": {"mode": parameters.output_mode, "schema": schema},
-        "sampling": {k: chosen.get(k) for k in ("temperature", "max_tokens")},
+        "output": {
+            "mode": parameters.output_mode,
+            "schema": schema,
+            **({"choice": choice} if choice else {}),
+        },
+        "sampling": {
+            **{k: chosen.get(k) for k in ("temperature", "max_tokens")},
+            **({"effort": effort} if effort else {}),
+        },
     }
 
 
@@ -250,15 +268,23 @@ def _call(messages: list[ModelMessage], **rest: Any) -> Call:
     )
 
 
-def _cut(response: ModelResponse, most: int) -> ModelResponse:
-    """Cut a reply to its beginning if its text is far longer than was asked for."""
-    text = _text(response)
-    extra = len(text) - most
-    if extra <= 0:
-        return response
-    return replace(
-        response, parts=[TextPart(f"{text[:most]} … and {extra} characters more, cut off")]
-    )
+def _cut(response: ModelResponse, tokens: int) -> ModelResponse:
+    """Cut a reply to its beginning where its answer or its thoughts are far too long."""
+    thoughts = [part for part in response.parts if isinstance(part, ThinkingPart)]
+    answer = [part for part in response.parts if not isinstance(part, ThinkingPart)]
+    text = _text(replace(response, parts=answer))
+    if len(text) > _MOST_ANSWER:
+        return replace(response, parts=[TextPart(_beginning(text))])
+    if sum(len(part.content) for part in thoughts) > _MOST_THOUGHTS * tokens:
+        told = "\n".join(part.content for part in thoughts)
+        return replace(response, parts=[ThinkingPart(_beginning(told)), *answer])
+    return response
+
+
+def _beginning(text: str) -> str:
+    """The text, or as much as is kept of it."""
+    extra = len(text) - _MOST_ANSWER
+    return f"{text[:_MOST_ANSWER]} … and {extra} characters more, cut off" if extra > 0 else text
 
 
 def _without_orphan(response: ModelResponse) -> ModelResponse:
@@ -284,6 +310,8 @@ def _flaw(response: ModelResponse, reply_tokens: int) -> str:
         isinstance(part, ToolCallPart) or (isinstance(part, TextPart) and part.content.strip())
         for part in response.parts
     )
+    if response.finish_reason == "content_filter":
+        return f"the model refused: {_refusal(response)}"
     if response.finish_reason == "length":
         what = "the reply was" if has_answer else "its thoughts took the whole reply, which was"
         return f"{what} cut at {reply_tokens} tokens: give more with --reply-tokens"
@@ -291,6 +319,13 @@ def _flaw(response: ModelResponse, reply_tokens: int) -> str:
         return ""
     has_thoughts = any(isinstance(part, ThinkingPart) for part in response.parts)
     return "the reply holds thoughts and no answer" if has_thoughts else "the reply is empty"
+
+
+def _refusal(response: ModelResponse) -> str:
+    """The words for a refusal: the model's own, or else what its provider calls the reason."""
+    details = response.provider_details or {}
+    named = (details.get(name) for name in ("refusal", "block_reason", "finish_reason"))
+    return next((str(words) for words in named if words), "") or "no reason given"
 
 
 def _detailed(message: ModelMessage, detail: Detail) -> ModelMessage:
