@@ -132,3 +132,20 @@ def test_a_run_of_the_guided_skills_is_told_with_both_pictures(tmp_path: Path) -
     assert all(len(line["images"]) >= 2 for line in lines)
     assert open_run(tmp_path / "r").trials == 1
     assert chat.STAGES[0] in {line["stage"] for line in lines}
+
+
+@pytest.mark.system
+def test_the_datasets_library_reads_it_with_its_pictures(out: Path, tmp_path: Path) -> None:
+    from datasets import Image, Sequence, load_dataset
+
+    data = load_dataset(str(out), cache_dir=str(tmp_path))
+    assert {split: len(rows) for split, rows in data.items()} == {
+        split: len((out / f"{split}.jsonl").read_text(encoding="utf-8").splitlines())
+        for split in data
+    }
+    train = data["train"].map(lambda row: {"images": [str(out / name) for name in row["images"]]})
+    row = train.cast_column("images", Sequence(Image()))[0]
+    roles = [message["role"] for message in row["messages"]]
+    places = [p for m in row["messages"] for p in m["content"] if p["type"] == "image"]
+    assert roles == ["system", "user", "assistant"]
+    assert [picture.size for picture in row["images"]] == [(640, 480)] * len(places)
