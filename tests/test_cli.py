@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
@@ -195,3 +196,14 @@ def test_starting_the_command_line_loads_no_optional_library() -> None:
         [sys.executable, "-c", script], capture_output=True, encoding="utf-8", check=True
     )
     assert ran.stdout.split() == []
+
+
+def test_the_version_is_said_and_the_package_can_be_run_as_a_module() -> None:
+    said = subprocess.run(
+        [sys.executable, "-m", "pliant", "--version"],
+        capture_output=True,
+        encoding="utf-8",
+        check=True,
+    )
+    assert said.stdout == f"pliant {version('pliant')}\n"
+    assert pliant("--version").stdout == said.stdout

@@ -4,6 +4,7 @@ import os
 import re
 import sys
 from contextlib import suppress
+from importlib.metadata import version
 from typing import NoReturn
 
 import tyro
@@ -25,7 +26,10 @@ from pliant.errors import PliantError
 from pliant.paths import current_folder, shortened
 from pliant.text import replace_unshowable
 
-_DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist."
+_DESCRIPTION = (
+    "Robust and resilient object insertion with a soft robotic wrist. `pliant --version` says which"
+    " version this is."
+)
 
 
 def main() -> None:
@@ -62,6 +66,9 @@ def main() -> None:
 
 def _called() -> None:
     try:
+        if sys.argv[1:] == ["--version"]:
+            print(f"pliant {version('pliant')}")
+            return
         current_folder()  # what is started from one that is gone fails somewhere deep
         sys.exit(
             tyro.extras.subcommand_cli_from_dict(
