@@ -42,6 +42,7 @@ FILE = "learned_sight.onnx"
 _LOOKS = 3  # each closer to the thing than the one before
 _SURE = 0.5  # that it is there
 _MOST_SD = 0.004  # [m] of a place: a wider one tells nothing
+_PLACE_SD = 0.00015  # [m] of any place, by a camera that is turned and nearer than it says
 _ROLL_SD = math.radians(0.17)  # of a camera whose roll is not seen
 _ANY_PRESSED = 0.005  # [m] where the compression is not known
 _LOCK = threading.Lock()  # a network of OpenCV answers one question at a time
@@ -132,8 +133,8 @@ def _found(
     return _Found(
         thing=moved(thing, camera, foot, turn),
         foot=foot,
-        across_sd=across_sd * small,
-        along_sd=along_sd * small,
+        across_sd=math.hypot(across_sd * small, _PLACE_SD),
+        along_sd=math.hypot(along_sd * small, _PLACE_SD),
         turn_sd=turn_sd,
         sure=sure,
     )

@@ -140,7 +140,7 @@ class ByShape:
             pitch=None if seen.peg is None else seen.peg.tilt,
             hole_x=None if seen.hole is None else _mirrored(seen.hole.y),
         )
-        doubts = (*scene.doubts, *(f"front camera: {doubt}" for doubt in seen.doubts))
+        doubts = (*scene.doubts, *(f"front camera: {d}" for d in seen.doubts if not _of_height(d)))
         return replace(scene, across=across, doubts=doubts)
 
     def _past(self, seen: Scene, before: Aside, sign: float) -> Aside:
@@ -190,6 +190,11 @@ def _mean(offsets: list[Offset]) -> Offset:
         y=replace(offsets[-1].y, value=fmean(o.y.value for o in offsets)),
         z=replace(offsets[-1].z, value=fmean(o.z.value for o in offsets)),
     )
+
+
+def _of_height(doubt: str) -> bool:
+    """Whether a doubt is of heights alone, of which the front camera tells nothing that is used."""
+    return " y " not in doubt and "tilt" not in doubt
 
 
 def _mirrored(measured: Measured) -> Measured:
