@@ -1,9 +1,10 @@
 """Measures pictures that were never trained on, by edges, by the network and by both, against
 truth.
 
-Each camera is calibrated by a picture of the hanging peg with the same looks, whose tip is known
-within 0.2 mm: what the arm knows worse than that in a trial comes on top, for every sight alike.
-What the other camera tells is taken from truth, with its noise.
+Each camera is calibrated for all of them by a picture of the hanging peg with the same looks, which
+both together measure and whose tip is known within 0.2 mm: what the arm knows worse than that in a
+trial comes on top, for every sight alike. What the other camera tells is taken from truth, with its
+noise.
 
     python evaluate.py states.npz figures.json --pictures 2000
 """
@@ -22,14 +23,14 @@ from data import Picture, Scenes
 
 from pliant.cell import View
 from pliant.vision.edges import Aside, measure_edges
-from pliant.vision.fused import measure_fused
+from pliant.vision.fused import joined, measure_fused
 from pliant.vision.learned import measure_learned
-from pliant.vision.offset import UNKNOWN, offset_between
-from pliant.vision.scene import Measured
+from pliant.vision.offset import UNKNOWN, Offset, offset_between
+from pliant.vision.scene import Measured, Scene
 
 FIRST, LAST = 600_000, 649_999  # seeds of looks, never trained on
 LEVELS = ("L0", "L5", "L5+", "L8")  # of the states' trials, in turn
-WAYS = {"edges": measure_edges, "learned": measure_learned, "fused": measure_fused}
+WAYS = ("edges", "learned", "fused")
 _ARM_SD = 0.0002  # [m]
 _NEAR_M, _NEAR_RAD = 0.001, math.radians(1.0)
 
@@ -44,17 +45,18 @@ def aside_of(picture: Picture, random: np.random.Generator) -> Aside:
     )
 
 
-def measured(way: Any, picture: Picture, aside: Aside, offset: Any) -> Any:
+def measured(way: Any, picture: Picture, aside: Aside, offset: Offset) -> Scene:
     view = View(camera=picture.camera, time_s=0.0, image=picture.image)
     task, pose, pressed = picture.task, picture.pose, picture.pressed
     return way(view, task, pose, aside=aside, offset=offset, pressed=pressed)
 
 
-def errors(way: Any, hanging: Picture, picture: Picture, seed: int) -> dict[str, Any]:
-    """One picture's errors and standard deviations, with the offset that a hanging peg gave."""
+def errors(hanging: Picture, picture: Picture, seed: int) -> dict[str, dict[str, Any]]:
+    """One picture's errors and standard deviations by every way, with the offset that a hanging
+    peg gave."""
     random = np.random.default_rng([seed, 5])
     offset = UNKNOWN
-    raw = measured(way, hanging, aside_of(hanging, random), UNKNOWN)
+    raw = measured(measure_fused, hanging, aside_of(hanging, random), UNKNOWN)
     if raw.peg is not None:
         y, z = (
             Measured(value=true + _ARM_SD * random.standard_normal(), sd=_ARM_SD)
@@ -62,10 +64,23 @@ def errors(way: Any, hanging: Picture, picture: Picture, seed: int) -> dict[str,
         )
         offset = offset_between((y, z), raw.peg)
     aside = aside_of(picture, random)
-    began = time.perf_counter()
-    scene = measured(way, picture, aside, offset)
-    found: dict[str, Any] = {"ms": 1e3 * (time.perf_counter() - began), "doubts": scene.doubts}
+    times = [time.perf_counter()]
+    scenes = []
+    for way in (measure_edges, measure_learned):
+        scenes.append(measured(way, picture, aside, offset))
+        times.append(time.perf_counter())
+    view = View(camera=picture.camera, time_s=0.0, image=picture.image)
+    both = joined(*scenes, view, picture.task, picture.pose, aside=aside, offset=offset)
+    spent = (times[1] - times[0], times[2] - times[1], times[2] - times[0])
+    return {
+        way: {"ms": 1e3 * seconds, **_off(scene, picture)}
+        for way, scene, seconds in zip(WAYS, (*scenes, both), spent, strict=True)
+    }
+
+
+def _off(scene: Scene, picture: Picture) -> dict[str, Any]:
     peg, hole = picture.peg, picture.block
+    found: dict[str, Any] = {"doubts": scene.doubts}
     if scene.peg is not None:
         for name, value, true in (
             ("tip y", scene.peg.tip_y, peg.y),
@@ -133,8 +148,7 @@ def main() -> None:
             dressed = {"looks": level != "L0", "occluder": level == "L5+"}
             hanging = scenes.picture(int(looked[0]), name, seed, **dressed)
             picture = scenes.picture(row, name, seed, **dressed)
-            for way, measure in WAYS.items():
-                row_of = errors(measure, hanging, picture, seed)
+            for way, row_of in errors(hanging, picture, seed).items():
                 row_of |= {"seed": seed, "trial": n, "row": row, "camera": name}
                 for group in (level, f"{level} {name}", "all"):
                     found[f"{group} {way}"].append(row_of)

@@ -41,10 +41,28 @@ def measure_fused(
         measure(view, task, pose, aside=aside, offset=offset, pressed=pressed)
         for measure in (measure_edges, measure_learned)
     )
+    return joined(by_edges, learned, view, task, pose, aside=aside, offset=offset)
+
+
+def joined(
+    by_edges: Scene,
+    learned: Scene,
+    view: View,
+    task: Task,
+    pose: Pose,
+    *,
+    aside: Aside = NOMINAL,
+    offset: Offset = UNKNOWN,
+) -> Scene:
+    """Join what edges and what the network measured in the same picture."""
     peg, hole = by_edges.peg or learned.peg, learned.hole or by_edges.hole
     doubts: list[str] = []
     if by_edges.peg is not None and learned.peg is not None:
-        peg, off = _pegs_joined(by_edges.peg, learned.peg, view, task, pose, offset)
+        # Edges take the tip's nearest corner for its middle: wrong where it leans to the camera.
+        blurred = max(task.peg.half_extents) * aside.lean
+        z = replace(by_edges.peg.tip_z, sd=math.hypot(by_edges.peg.tip_z.sd, blurred))
+        edges = replace(by_edges.peg, tip_z=z)
+        peg, off = _pegs_joined(edges, learned.peg, view, task, pose, offset)
         doubts += _doubt("peg", off)
     if by_edges.hole is not None and learned.hole is not None:
         doubts += _doubt("hole", _holes_differ(by_edges.hole, learned.hole, offset))
