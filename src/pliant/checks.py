@@ -8,6 +8,7 @@ made has no vote, and says why.
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from pliant.belief import Belief, sag_m
 from pliant.cell import Stop
@@ -40,14 +41,16 @@ def gathered(
 ) -> Evidence:
     """Make every check that the executed formation calls for, with a method's own in metres. Table
     I reads the picture as it is; `scene` is what the others go by, if not what was measured
-    last."""
+    last. The check in metres says too where two sights contradict each other."""
     scene = outcome.scene if scene is None else scene
     formation = outcome.step.formation
     checks = [pose_check(outcome), compression_check(outcome)]
     if formation in (Formation.FIT, Formation.ALIGN):
         checks.append(table_i(formation, outcome.scene, on_hole_px(outcome)))
     if formation in metrics:
-        checks.append(metrics[formation](task, scene))
+        metric = metrics[formation](task, scene)
+        doubts = outcome.scene.doubts
+        checks.append(replace(metric, message="; ".join([metric.message, *doubts])))
     if formation is Formation.INSERTION:
         checks.append(goal_picture(scene, taught.get(formation)))
     return Evidence(checks=tuple(checks))

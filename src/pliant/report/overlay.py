@@ -33,7 +33,7 @@ def draw(view: View, scene: Scene, task: Task) -> Picture:
     if scene.peg is not None:
         _draw_metric(picture, view, scene.peg, task)
         _draw_peg(picture, scene.peg)
-    for row, problem in enumerate(scene.problems):
+    for row, problem in enumerate((*scene.problems, *scene.doubts)):
         _label(picture, problem, (20, 44 + 44 * row))
     return picture
 

@@ -29,7 +29,8 @@ from pliant.vision.lines import (
 from pliant.vision.measure import between
 from pliant.vision.offset import UNKNOWN, Offset
 from pliant.vision.peg_lines import PegLines, peg_lines
-from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, Scene
+from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
+from pliant.vision.seen import hole_seen, peg_seen, shifted
 
 _BLUR = 0.8  # [px] against noise
 _PIECE = 12  # [px] of an edge that is averaged
@@ -264,21 +265,14 @@ def _hole(block: _Block, camera: Camera, yaw: float, offset: Offset) -> HoleSeen
         y += (seen - (left + right) / 2) * mpp
     x = front if block.top < camera.height / 2 else -front
     _, surface = camera.on_plane_x(camera.width / 2, block.top, x)
-    box = _box(block.left, block.right, block.top, block.bottom)
-    return HoleSeen(
-        box_px=box,
-        center_px=(seen, (block.top + block.bottom) / 2),
-        y=_shifted(y, math.hypot(block.place_sd * mpp, _PLACE_SD), offset.y),
-        surface_z=_shifted(surface, math.hypot(block.top_sd * mpp, _SURFACE_SD), offset.z),
+    return hole_seen(
+        left=block.left,
+        right=block.right,
+        top=block.top,
+        bottom=block.bottom,
+        y=shifted(y, math.hypot(block.place_sd * mpp, _PLACE_SD), offset.y),
+        surface_z=shifted(surface, math.hypot(block.top_sd * mpp, _SURFACE_SD), offset.z),
     )
-
-
-def _box(left: float, right: float, top: float, bottom: float) -> tuple[Pixel, Pixel, Pixel, Pixel]:
-    return (left, bottom), (left, top), (right, top), (right, bottom)
-
-
-def _shifted(value: float, sd: float, offset: Measured) -> Measured:
-    return Measured(value=value + offset.value, sd=math.hypot(sd, offset.sd))
 
 
 # --- the peg -----------------------------------------------------------------------------------
@@ -307,27 +301,12 @@ def _peg(
     doubt = max(0.0, _WELL_SEEN - lines.support)
     tilt_sd = math.hypot(lines.tilt_sd, _TILT_SD, doubt * _DOUBT_TILT)
     place_sd = math.hypot(lines.place_sd * mpp, doubt * _DOUBT_PX * mpp, abs(tip_z - z) * tilt_sd)
-    (left_y, _), (right_y, _) = peg.silhouette(pose.yaw)
-    cos, sin = math.cos(tilt), math.sin(tilt)
-    seen_y = _shifted(tip_y, math.hypot(place_sd, _PLACE_SD), offset.y)
-    seen_z = _shifted(tip_z, math.hypot(lines.top_sd * mpp, _HEIGHT_SD, doubt * mpp), offset.z)
-    tip_y, tip_z = seen_y.value, seen_z.value
-    half, length = (right_y - left_y) / 2 / mpp, peg.length / mpp
-    down, across = np.array([sin, cos]), np.array([cos, -sin])
-    corners = [
-        top + a * half * across + b * length * down for a, b in ((-1, 1), (-1, 0), (1, 0), (1, 1))
-    ]
-    a, b, c, d = ((float(u), float(v)) for u, v in corners)
-    return PegSeen(
-        box_px=(a, b, c, d),
-        center_px=((a[0] + c[0]) / 2, (a[1] + c[1]) / 2),
-        edge_px=d,
-        tilt_deg=math.degrees(tilt),
+    return peg_seen(
+        camera,
+        peg,
+        pose.yaw,
+        top=top,
         tilt=Measured(value=tilt, sd=tilt_sd),
-        tip_y=seen_y,
-        tip_z=seen_z,
-        left_y=tip_y + left_y * cos,
-        left_z=tip_z + left_y * sin,
-        right_y=tip_y + right_y * cos,
-        right_z=tip_z + right_y * sin,
+        y=shifted(tip_y, math.hypot(place_sd, _PLACE_SD), offset.y),
+        z=shifted(tip_z, math.hypot(lines.top_sd * mpp, _HEIGHT_SD, doubt * mpp), offset.z),
     )

@@ -60,7 +60,8 @@ class Across:
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """The measurements in the pictures of one moment: the side picture, and the front and the
-    oblique one where they were taken. What could not be measured is None; `problems` says why."""
+    oblique one where they were taken. What could not be measured is None; `problems` says why.
+    `doubts` says where two ways of measuring contradict each other, and which is believed."""
 
     peg: PegSeen | None
     hole: HoleSeen | None
@@ -68,3 +69,4 @@ class Scene:
     time_s: float = 0.0
     across: Across | None = None
     board_yaw: Measured | None = None  # [rad]
+    doubts: tuple[str, ...] = ()

@@ -1,7 +1,8 @@
 """Sights, which turn the pictures of one moment into a Scene: by colour, as the paper does, or by
-edges.
+shape, whatever the colours.
 
-A learned segmentation takes the same place: anything that is called like these, once per look.
+A segmentation of the user's own takes the same place: anything that is called like these, once per
+look.
 """
 
 import math
@@ -13,7 +14,8 @@ from typing import Protocol
 from pliant.cell import Observation, View
 from pliant.pose import Pose
 from pliant.task import Task
-from pliant.vision.edges import NOMINAL, Aside, measure_edges
+from pliant.vision.edges import NOMINAL, Aside
+from pliant.vision.fused import measure_fused
 from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.offset import UNKNOWN, Offset, hanging_tip, offset_between
 from pliant.vision.outline import board_outline
@@ -58,8 +60,24 @@ class ByColour:
         return at_distance(scene, self._across, views[SIDE].camera, self._task.peg, pose.yaw)
 
 
-class ByEdges:
-    """Edges of known geometry, whatever the colours; one for each trial.
+class Measure(Protocol):
+    """Measures one picture from +x by the known shapes of peg and block (`measure_edges`,
+    `measure_learned`, `measure_fused`)."""
+
+    def __call__(
+        self,
+        view: View,
+        task: Task,
+        pose: Pose,
+        *,
+        aside: Aside = ...,
+        offset: Offset = ...,
+        pressed: float | None = ...,
+    ) -> Scene: ...
+
+
+class ByShape:
+    """Known shapes, whatever the colours, each picture measured by `measure`; one for each trial.
 
     Each camera is calibrated by the first looks at the freely hanging peg, whose tip the arm knows:
     there the tool takes on `hang_share` of the hand's angle, and the wrist is stretched by `sag_m`
@@ -69,8 +87,15 @@ class ByEdges:
     colours = None
 
     def __init__(
-        self, task: Task, *, hang_share: float, sag_m: float, calibrates: bool = True
+        self,
+        task: Task,
+        *,
+        hang_share: float,
+        sag_m: float,
+        calibrates: bool = True,
+        measure: Measure = measure_fused,
     ) -> None:
+        self._measure_one = measure
         self._task, self._hang_share, self._sag_m = task, hang_share, sag_m
         self._calibrations = _CALIBRATIONS if calibrates else 0
         self._offsets: dict[str, list[Offset]] = {SIDE: [], FRONT: []}
@@ -115,7 +140,8 @@ class ByEdges:
             pitch=None if seen.peg is None else seen.peg.tilt,
             hole_x=None if seen.hole is None else _mirrored(seen.hole.y),
         )
-        return replace(scene, across=across)
+        doubts = (*scene.doubts, *(f"front camera: {d}" for d in seen.doubts if not _of_height(d)))
+        return replace(scene, across=across, doubts=doubts)
 
     def _past(self, seen: Scene, before: Aside, sign: float) -> Aside:
         """The facts about one camera's view that the other camera shows: how near things are to
@@ -133,7 +159,7 @@ class ByEdges:
         aside = replace(self._from[camera], board_yaw=self._board_yaw)
 
         def measured(offset: Offset) -> Scene:
-            return measure_edges(
+            return self._measure_one(
                 view, task, pose, aside=aside, offset=offset, pressed=self._pressed
             )
 
@@ -164,6 +190,11 @@ def _mean(offsets: list[Offset]) -> Offset:
         y=replace(offsets[-1].y, value=fmean(o.y.value for o in offsets)),
         z=replace(offsets[-1].z, value=fmean(o.z.value for o in offsets)),
     )
+
+
+def _of_height(doubt: str) -> bool:
+    """Whether a doubt is of heights alone, of which the front camera tells nothing that is used."""
+    return " y " not in doubt and "tilt" not in doubt
 
 
 def _mirrored(measured: Measured) -> Measured:
