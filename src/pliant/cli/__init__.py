@@ -21,7 +21,7 @@ from pliant.cli.run import run
 from pliant.cli.tables import tables
 from pliant.cli.teach import teach
 from pliant.cli.view import view
-from pliant.console import complain
+from pliant.console import complain, say
 from pliant.errors import PliantError
 from pliant.paths import current_folder, shortened
 from pliant.text import replace_unshowable
@@ -67,7 +67,7 @@ def main() -> None:
 def _called() -> None:
     try:
         if sys.argv[1:] == ["--version"]:
-            print(f"pliant {version('pliant')}")
+            say(f"pliant {version('pliant')}")
             return
         current_folder()  # what is started from one that is gone fails somewhere deep
         sys.exit(
