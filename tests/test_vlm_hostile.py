@@ -253,3 +253,18 @@ def test_ten_thousand_hostile_replies_lead_nowhere() -> None:
     many()
     assert replies >= 10_000
     assert own >= ALL // 100  # some were fit to be done: the test looks at those too
+
+
+def test_the_record_of_a_reply_that_is_asked_for_again_stays_short() -> None:
+    """Each mistake echoes the whole reply; a reply may call every function, and be long."""
+    long = json.dumps({"bottom_left_corner": "[" * 6000, "why": None})
+
+    def answer(messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
+        return ModelResponse(parts=[ToolCallPart(t.name, long) for t in info.output_tools])
+
+    case, verdict = failures()[0]
+    mind = asking(answer, picture=False, goal_picture=False)
+    recovery = mind.recover(case, verdict)
+    assert recovery is not None
+    assert len(recovery.exchanges) == 2
+    assert clean(recovery)

@@ -260,7 +260,7 @@ def _call(messages: list[ModelMessage], **rest: Any) -> Call:
     """A call that begins with the newest message of a conversation, with its instructions where it
     is the first."""
     instructions = _instructions(messages)
-    text = _text(messages[-1])
+    text = _beginning(_text(messages[-1]))  # what a refused reply was echoes in it
     return Call(
         request=f"{instructions}\n\n{text}" if len(messages) == 1 and instructions else text,
         pictures=tuple(_decoded(p.data) for p in _pictures(messages[-1:])),
