@@ -4,6 +4,7 @@ with random looks."""
 import math
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,18 @@ from stand_ins import PEGS, cell_for, outcome_of, prepared, scene_of, stand_peg
 from pliant.cell import View
 from pliant.checks import gathered
 from pliant.conditions import Setup, condition
+from pliant.errors import InputError
 from pliant.formations import Formation
 from pliant.levels import load_level
+from pliant.methods.sight import shipped_sight
 from pliant.pose import Pose
 from pliant.records import Check
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.task import Peg, Task, load_task
+from pliant.teaching import shipped
 from pliant.vision import fused
 from pliant.vision.edges import Aside, measure_edges
-from pliant.vision.learned import measure_learned
+from pliant.vision.learned import FILE, measure_learned, network
 from pliant.vision.offset import Offset
 from pliant.vision.scene import Measured, Scene
 from pliant.vision.surround import quarter_turned
@@ -199,3 +203,20 @@ def test_the_evidence_tells_a_contradiction() -> None:
     told = evidence["metric"]
     assert told is not None
     assert told.message == "on the board; peg: edges differ"
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no network"])
+def test_weights_that_cannot_be_used_are_refused_in_one_line_before_anything_moves(
+    content: bytes | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "vision").mkdir()
+    if content is not None:
+        (tmp_path / "vision" / FILE).write_bytes(content)
+    monkeypatch.setattr("importlib.resources.files", lambda package: tmp_path)
+    network.cache_clear()
+    try:
+        with pytest.raises(InputError, match="install pliant again") as raised:
+            shipped_sight(load_task("circle"), shipped(), None)
+    finally:
+        network.cache_clear()
+    assert "\n" not in str(raised.value)

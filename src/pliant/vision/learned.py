@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Camera, View
+from pliant.errors import InputError
 from pliant.pose import Pose
 from pliant.task import Task
 from pliant.vision.edges import NOMINAL, Aside
@@ -144,15 +145,30 @@ def _asked(pictures: list[NDArray[np.uint8]]) -> NDArray[np.float64]:  # (n, 7)
     """The network's answer to each small picture."""
     batch = np.stack(pictures).astype(np.float32) / 255.0
     with _LOCK:
-        network = _network()
-        network.setInput(batch)
-        return np.asarray(network.forward(), np.float64)
+        loaded = network()
+        loaded.setInput(batch)
+        return np.asarray(loaded.forward(), np.float64)
 
 
 @cache
-def _network() -> cv2.dnn.Net:
-    content = (resources.files("pliant") / "vision" / FILE).read_bytes()
-    return cv2.dnn.readNetFromONNX(np.frombuffer(content, np.uint8))
+def network() -> cv2.dnn.Net:
+    """The network, loaded once: when a sight is made, so that nothing has moved if it cannot be.
+
+    Raises:
+        InputError: its file is missing or broken.
+    """
+    file = resources.files("pliant") / "vision" / FILE
+    again = "install pliant again"
+    try:
+        return cv2.dnn.readNetFromONNX(np.frombuffer(file.read_bytes(), np.uint8))
+    except OSError as error:
+        raise InputError(
+            f"the learned sight '{file}' cannot be read: {error.strerror}; {again}"
+        ) from error
+    except cv2.error as error:
+        raise InputError(
+            f"the learned sight '{file}' is broken: OpenCV cannot load it; {again}"
+        ) from error
 
 
 def _hole(found: _Found, camera: Camera, offset: Offset) -> HoleSeen:
