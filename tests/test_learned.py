@@ -212,11 +212,12 @@ def test_weights_that_cannot_be_used_are_refused_in_one_line_before_anything_mov
     (tmp_path / "vision").mkdir()
     if content is not None:
         (tmp_path / "vision" / FILE).write_bytes(content)
+    task, taught = load_task("circle"), shipped()
     monkeypatch.setattr("importlib.resources.files", lambda package: tmp_path)
     network.cache_clear()
     try:
         with pytest.raises(InputError, match="install pliant again") as raised:
-            shipped_sight(load_task("circle"), shipped(), None)
+            shipped_sight(task, taught, None)
     finally:
         network.cache_clear()
     assert "\n" not in str(raised.value)
