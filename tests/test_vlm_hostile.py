@@ -250,8 +250,8 @@ def test_ten_thousand_hostile_replies_lead_nowhere() -> None:
         replies += len(drawn[0].served)
         own += recovery.by == "vlm" and bool(recovery.steps)
 
-    many()
-    assert replies >= 10_000
+    while replies < 10_000:  # how often a decision asks again is drawn, too
+        many()
     assert own >= ALL // 100  # some were fit to be done: the test looks at those too
 
 
