@@ -199,6 +199,18 @@ def test_until_then_a_peg_that_is_seen_in_the_hole_goes_on_from_where_it_is_seen
     assert not guarded.has_answered
 
 
+def test_a_peg_that_has_been_lifted_out_of_the_hole_is_not_counted_as_deep_in_it() -> None:
+    robot = ScriptedRobot(answer=None)
+    guarded = Guarded(robot, LOW)
+    guarded.descent = Descent(
+        surface_z=0.0, hang_m=HANG_M, depth_m=0.010, sunk_m=0.009, out_z=HANG_M
+    )
+    for lifted, lowest in ((HANG_M - 0.001, HANG_M - 0.023), (HANG_M + 0.02, HANG_M - 0.014)):
+        for z in (lifted, 0.100):
+            guarded.move_to(Pose(z=z), speed_m_s=0.02, stop_at_compression_m=0.02)
+        assert robot.poses[-1].z == pytest.approx(lowest)
+
+
 @pytest.mark.parametrize(
     ("off", "answered", "arrives"),
     [(0.009, False, True), (0.011, False, False), (0.02, True, True)],

@@ -62,13 +62,18 @@ class Descent:
 
     `surface_z` is where the board's surface is believed to be, `hang_m` how far below the hinge
     point the peg's tip hangs freely, `depth_m` how deep the hole lets it in, `sunk_m` how deep in
-    it the tip was seen while it stayed there [m].
+    it the tip was seen, `out_z` the height of the hinge point at which it has left the hole [m].
     """
 
     surface_z: float
     hang_m: float
     depth_m: float
     sunk_m: float = 0.0
+    out_z: float = math.inf
+
+    def after(self, motion: Motion) -> "Descent":
+        """The limit after one more motion: out of the hole nothing counts from the tip in it."""
+        return replace(self, sunk_m=0.0) if motion.ended.z > self.out_z else self
 
     def lowest_z(self, stop_at_m: float, limits: Limits, *, proven: bool) -> float:
         """The lowest height [m] of the hinge point in a motion that ends at `stop_at_m` of
@@ -136,6 +141,8 @@ class Guarded:
         if pose is not requested:
             motion = replace(motion, requested=requested)
         self.motions.append(motion)
+        if self.descent is not None:
+            self.descent = self.descent.after(motion)
         self._hear(motion.answer)
         self._see_that_it_arrived(motion)
         return motion

@@ -4,6 +4,7 @@ The loop is an iterator of executions, so that an experiment samples truth betwe
 shows them as they happen, and an environment drives it step by step.
 """
 
+import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
@@ -109,7 +110,7 @@ class Run:
         goals = self.teaching.goals
         skill = self.method.skill(self.task, self.teaching, self.limits)
         queue = deque(goals.step(formation) for formation in Formation)
-        failures, slid_m, sunk_m = 0, 0.0, 0.0
+        failures, slid_m, sunk_m, out_z = 0, 0.0, 0.0, math.inf
         while True:
             if not queue:
                 self.end_reason = End.FINISHED
@@ -123,7 +124,12 @@ class Run:
             robot.motions.clear()
             self._begun = step, target
             robot.descent = descent_of(
-                self.belief, self.task, self.teaching, slid_m=slid_m, sunk_m=sunk_m
+                self.belief,
+                self.task,
+                self.teaching,
+                slid_m=slid_m,
+                sunk_m=sunk_m,
+                out_z=out_z,
             )
             outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
             self._believe(outcome)
@@ -138,6 +144,7 @@ class Run:
                 slid_m = slid_m if now is None else now
             now_m = sunk(outcome)
             sunk_m = max(sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
+            out_z = outcome.pose.z + now_m
             case = Case(
                 task=self.task,
                 teaching=self.teaching,
