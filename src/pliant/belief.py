@@ -70,11 +70,11 @@ def descent_of(
     *,
     slid_m: float = 0.0,
     sunk_m: float = 0.0,
-    out_z: float = math.inf,
+    seen_z: float = math.inf,
 ) -> Descent:
     """The geometric limit on how low the hand may go, by what is believed of the board; nominal
     until it was seen. A peg that has slid up in the grasp by `slid_m` [m] touches so much later;
-    `sunk_m` [m] is how deep it was seen in the hole, which it leaves at `out_z` [m] of the hand."""
+    `sunk_m` [m] is how deep it was seen in the hole, with the hand at `seen_z` [m]."""
     surface = belief.surface_z.value if belief.surface_z is not None else 0.0
     hang = task.tip_below_hinge + sag_m(teaching) - slid_m
-    return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth, sunk_m=sunk_m, out_z=out_z)
+    return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth, sunk_m=sunk_m, seen_z=seen_z)

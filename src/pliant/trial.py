@@ -110,7 +110,8 @@ class Run:
         goals = self.teaching.goals
         skill = self.method.skill(self.task, self.teaching, self.limits)
         queue = deque(goals.step(formation) for formation in Formation)
-        failures, slid_m, sunk_m, out_z = 0, 0.0, 0.0, math.inf
+        robot.sees_depth = lambda: sunk(self._look(robot).scene)
+        failures, slid_m, sunk_m, seen_z = 0, 0.0, 0.0, math.inf
         while True:
             if not queue:
                 self.end_reason = End.FINISHED
@@ -129,7 +130,7 @@ class Run:
                 self.teaching,
                 slid_m=slid_m,
                 sunk_m=sunk_m,
-                out_z=out_z,
+                seen_z=seen_z,
             )
             outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
             self._believe(outcome)
@@ -142,9 +143,9 @@ class Run:
             if robot.has_answered:  # else what is not felt may be the sensor's fault
                 now = slid(self.task, outcome, self.belief, self.teaching)
                 slid_m = slid_m if now is None else now
-            now_m = sunk(outcome)
+            now_m = sunk(outcome.scene) or 0.0
             sunk_m = max(sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
-            out_z = outcome.pose.z + now_m
+            seen_z = outcome.pose.z
             case = Case(
                 task=self.task,
                 teaching=self.teaching,

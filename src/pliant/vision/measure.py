@@ -76,6 +76,7 @@ _SAMPLED = 40  # of an edge's points, through pairs of which lines are tried
 _HIDDEN = 0.8  # [px] further in than the edge: hidden by something
 _PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
 _SEEN_FROM_ABOVE = 0.001  # [m] so far below the camera, the board's top face is seen
+_WIDTH_SD = 0.0005  # [m] of a peg up to 15 mm nearer than it is taken to be
 _TILT_SD = math.radians(0.17)  # [rad] of a fully visible 90 mm peg
 
 
@@ -269,6 +270,7 @@ def _peg(
         left_z=tip_z + left * math.sin(tilt),
         right_y=tip_y + right * math.cos(tilt),
         right_z=tip_z + right * math.sin(tilt),
+        wider=width_between(camera, left_point, right_point, tilt, task.peg, hand_yaw),
     )
 
 
@@ -277,9 +279,26 @@ def axis_between(
 ) -> tuple[float, float]:  # (y, z) [m]
     """A point on the axis of the peg that is turned by `yaw` and leans by `tilt` [rad] to the left,
     from a pixel on its left and one on its right edge."""
+    return between(camera, left, right, tilt, _edges_seen(camera, left, right, peg, yaw))
+
+
+def width_between(
+    camera: Camera, left: Points, right: Points, tilt: float, peg: Peg, yaw: float = 0.0
+) -> Measured:
+    """The width [m] by which a peg that is turned by `yaw` and leans by `tilt` [rad] to the left
+    looks wider than the task's peg would, from a pixel on its left and one on its right edge."""
+    (left_y, left_x), (right_y, right_x) = _edges_seen(camera, left, right, peg, yaw)
+    y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
+    y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
+    seen = (y_right - y_left) * math.cos(tilt) + (z_right - z_left) * math.sin(tilt)
+    return Measured(value=seen - (right_y - left_y), sd=_WIDTH_SD)
+
+
+def _edges_seen(
+    camera: Camera, left: Points, right: Points, peg: Peg, yaw: float
+) -> tuple[Place, Place]:
     slopes = [(point[0] - camera.width / 2) / camera.focal_px for point in (left, right)]
-    edges = peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
-    return between(camera, left, right, tilt, edges)
+    return peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
 
 
 def between(
