@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pliant.envelope import Descent
-from pliant.formations import Formation
+from pliant.formations import Formation, Step
 from pliant.pose import Pose
 from pliant.task import Task, load_task
 from pliant.teaching import Teaching
@@ -20,7 +20,8 @@ class Belief:
     `hole_y`, `hole_x` and `surface_z` [m] are the hole's centre on the board, `board_yaw` [rad] how
     the board is turned, `grasp_roll` [rad] the peg's angle in the grasp; `upright_roll` and
     `upright_pitch` [rad] those of the hand with which the peg would hang upright. `readings` are
-    the last of each, for the soft estimates.
+    the last of each, for the soft estimates. `hole_shift` [m] is how far along y from where it is
+    read the hole is looked for since the last Fit; `hole_y` has it in it.
     """
 
     hole_y: Measured | None = None
@@ -31,14 +32,15 @@ class Belief:
     upright_roll: Measured | None = None
     upright_pitch: Measured | None = None
     readings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    hole_shift: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """One look: the formation and the measured pose in which it was taken, and what was
+    """One look: the step during which and the measured pose in which it was taken, and what was
     measured."""
 
-    formation: Formation
+    step: Step
     pose: Pose
     scene: Scene
 

@@ -14,6 +14,7 @@ from functools import partial
 from pliant.belief import Belief, Seen, descent_of
 from pliant.cell import Robot
 from pliant.checks import doubt, slid, sunk
+from pliant.diagnosis import weighed
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
@@ -146,16 +147,20 @@ class Run:
             now_m = sunk(outcome.scene) or 0.0
             sunk_m = max(sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
             seen_z = outcome.pose.z
+            signs = self.method.signs(self.task, self.history, outcome, self.belief)
+            diagnosis = weighed(signs)
+            evidence = self.method.check(self.task, outcome, self.belief, self.teaching)
             case = Case(
                 task=self.task,
                 teaching=self.teaching,
                 goals=goals,
                 history=tuple(self.history),
                 outcome=outcome,
-                evidence=self.method.check(self.task, outcome, self.belief, self.teaching),
+                evidence=evidence.with_signs(diagnosis),
                 belief=self.belief,
                 method=self.method,
                 colours=self._sight.colours,
+                diagnosis=diagnosis,
             )
             verdict = self.reasoner.judge(case)
             failures = 0 if verdict.success else failures + 1
@@ -175,6 +180,7 @@ class Run:
                 evidence=case.evidence,
                 belief=case.belief,
                 verdict=verdict,
+                diagnosis=diagnosis,
                 recovery=recovery,
                 admission=admission,
             )
@@ -211,7 +217,5 @@ class Run:
 
     def _believe(self, outcome: Outcome) -> None:
         for look in outcome.looks:
-            seen = Seen(
-                formation=outcome.step.formation, pose=look.observation.pose, scene=look.scene
-            )
+            seen = Seen(step=outcome.step, pose=look.observation.pose, scene=look.scene)
             self.belief = self.method.believe(self.belief, seen, self.teaching)

@@ -76,7 +76,7 @@ _SAMPLED = 40  # of an edge's points, through pairs of which lines are tried
 _HIDDEN = 0.8  # [px] further in than the edge: hidden by something
 _PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
 _SEEN_FROM_ABOVE = 0.001  # [m] so far below the camera, the board's top face is seen
-_WIDTH_SD = 0.0005  # [m] of a peg up to 15 mm nearer than it is taken to be
+_WIDTH_SD = 0.0005  # [m] of a peg, and what a mask leaves out of its edges
 _TILT_SD = math.radians(0.17)  # [rad] of a fully visible 90 mm peg
 
 
@@ -283,14 +283,24 @@ def axis_between(
 
 
 def width_between(
-    camera: Camera, left: Points, right: Points, tilt: float, peg: Peg, yaw: float = 0.0
+    camera: Camera,
+    left: Points,
+    right: Points,
+    tilt: float,
+    peg: Peg,
+    yaw: float = 0.0,
+    *,
+    nearer: float = 0.0,
 ) -> Measured:
     """The width [m] by which a peg that is turned by `yaw` and leans by `tilt` [rad] to the left
-    looks wider than the task's peg would, from a pixel on its left and one on its right edge."""
+    looks wider than the task's peg would, from a pixel on its left and one on its right edge. It
+    stands `nearer` [m] to the camera than the plane of insertion."""
     (left_y, left_x), (right_y, right_x) = _edges_seen(camera, left, right, peg, yaw)
     y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
     y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
     seen = (y_right - y_left) * math.cos(tilt) + (z_right - z_left) * math.sin(tilt)
+    seen += camera.metres_per_pixel(peg.silhouette_x)  # a mask's outline runs through pixel centres
+    seen *= 1 - nearer / float(camera.position[0])
     return Measured(value=seen - (right_y - left_y), sd=_WIDTH_SD)
 
 

@@ -94,7 +94,7 @@ def _across(
         tip_x=Measured(value=-tip, sd=_PLACE_SD),
         pitch=Measured(value=tilt, sd=_TILT_SD),
         hole_x=hole_x,
-        wider=width_between(camera, left, right, tilt, task.peg, yaw),
+        wider=width_between(camera, left, right, tilt, task.peg, yaw, nearer=beside.tip_y.value),
     )
 
 
