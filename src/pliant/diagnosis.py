@@ -25,6 +25,7 @@ class Hypothesis(StrEnum):
     HOLE_BLOCKED = "hole_blocked"
     OBJECT_ON_BOARD = "object_on_board"
     SENSOR_WRONG = "sensor_wrong"
+    CAMERA_WRONG = "camera_wrong"
     UNKNOWN = "unknown"
 
     @property
@@ -45,15 +46,17 @@ _WORDS = {
     Hypothesis.HOLE_BLOCKED: "the hole is blocked",
     Hypothesis.OBJECT_ON_BOARD: "something lies on the board, over the hole",
     Hypothesis.SENSOR_WRONG: "the wrist's sensor does not tell how far it is pressed",
+    Hypothesis.CAMERA_WRONG: "the cameras do not show what is there now",
     Hypothesis.UNKNOWN: "something is wrong that has no name here",
 }
 
 
 OF_FAULTS = {
-    "fault:sensor": Hypothesis.SENSOR_WRONG,
-    "fault:no_touch": Hypothesis.PEG_MISSING,
+    "fault:sensor": (Hypothesis.SENSOR_WRONG, Hypothesis.SENSOR_WRONG),
+    "fault:no_touch": (Hypothesis.PEG_MISSING, Hypothesis.SENSOR_WRONG),
 }
-"""The hypotheses that the cell itself decides, by how it ends a trial."""
+"""The hypotheses that the cell itself decides, by how it ends a trial: where no picture showed a
+peg, and where one did."""
 
 
 @dataclass(frozen=True, kw_only=True)

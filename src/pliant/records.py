@@ -358,7 +358,8 @@ class Trial:
         execution's."""
         said = OF_FAULTS.get(self.end_reason)
         if said is not None:
-            return Diagnosis(weights={said: 1.0})
+            sees = any(look.scene.peg for e in self.executions for look in e.outcome.looks)
+            return Diagnosis(weights={said[sees]: 1.0})
         return self.executions[-1].diagnosis if self.executions else Diagnosis()
 
     @property

@@ -14,7 +14,7 @@ from functools import partial
 from pliant.belief import Belief, Seen, descent_of
 from pliant.cell import Robot
 from pliant.checks import doubt, slid, sunk
-from pliant.diagnosis import weighed
+from pliant.diagnosis import Hypothesis, weighed
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
@@ -138,7 +138,11 @@ class Run:
             problem = doubt(
                 self.task, outcome, self.belief, self.teaching, answered=robot.has_answered
             )
-            if problem is not None:
+            signs = self.method.signs(self.task, self.history, outcome, self.belief)
+            diagnosis = weighed(signs)
+            # Of a sensor that has answered and a picture that contradicts it, the picture may lie.
+            lies = robot.has_answered and diagnosis.leading is Hypothesis.CAMERA_WRONG
+            if problem is not None and not lies:
                 robot.halt()
                 raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")
             if robot.has_answered:  # else what is not felt may be the sensor's fault
@@ -147,8 +151,6 @@ class Run:
             now_m = sunk(outcome.scene) or 0.0
             sunk_m = max(sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
             seen_z = outcome.pose.z
-            signs = self.method.signs(self.task, self.history, outcome, self.belief)
-            diagnosis = weighed(signs)
             evidence = self.method.check(self.task, outcome, self.belief, self.teaching)
             case = Case(
                 task=self.task,

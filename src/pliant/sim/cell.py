@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import TracebackType
 from typing import Self
@@ -239,11 +239,13 @@ class SimRobot:
         )
 
     def _view(self, camera: str, time_s: float) -> View:
-        """A picture now, or the one before with its old time stamp."""
+        """A picture now, or the one before with its old time stamp, or, of a camera that is stuck,
+        with a new one."""
         is_stale = self._stale.uniform() < self.setup.stale
-        if not (is_stale and camera in self._last):
+        is_frozen = self.setup.pictures_frozen > 0.5 and time_s > c.FREEZES_S
+        if not ((is_stale or is_frozen) and camera in self._last):
             self._last[camera] = self.cameras.view(camera, self.data, time_s)
-        return self._last[camera]
+        return replace(self._last[camera], time_s=time_s) if is_frozen else self._last[camera]
 
     def halt(self) -> None:
         """Hold where the joints are: their angles plus the servos' error under the tool's weight,

@@ -76,6 +76,7 @@ _SAMPLED = 40  # of an edge's points, through pairs of which lines are tried
 _HIDDEN = 0.8  # [px] further in than the edge: hidden by something
 _PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
 _SEEN_FROM_ABOVE = 0.001  # [m] so far below the camera, the board's top face is seen
+_LENGTH_SD = 0.001  # [m] of a peg in the air
 _WIDTH_SD = 0.0005  # [m] of a peg, and what a mask leaves out of its edges
 _TILT_SD = math.radians(0.17)  # [rad] of a fully visible 90 mm peg
 
@@ -247,6 +248,12 @@ def _peg(
     top_px = middle + np.max((relative @ axis)[near_axis]) * axis
     near_x = task.peg.front(0.3 * task.peg.half_extents[1], hand_yaw)
     _, top_z = camera.on_plane_x(float(top_px[0]), float(top_px[1]), near_x)
+    lowest_px = middle + np.min((relative @ axis)[near_axis]) * axis
+    longer = None
+    if hole is not None and lowest_px[1] < min(v for _, v in hole.box_px) - _EDGE_MARGIN:
+        _, lowest_z = camera.on_plane_x(float(lowest_px[0]), float(lowest_px[1]), near_x)
+        seen = (top_z - lowest_z) / math.cos(tilt)
+        longer = Measured(value=seen - task.peg.length, sd=_LENGTH_SD)
     # Its place along y: where the axis, measured on the silhouette's plane, reaches that height.
     y0, z0 = axis_between(camera, left_point, right_point, tilt, task.peg, hand_yaw)
     lean = math.tan(tilt)
@@ -270,6 +277,7 @@ def _peg(
         left_z=tip_z + left * math.sin(tilt),
         right_y=tip_y + right * math.cos(tilt),
         right_z=tip_z + right * math.sin(tilt),
+        longer=longer,
         wider=width_between(camera, left_point, right_point, tilt, task.peg, hand_yaw),
     )
 

@@ -36,6 +36,7 @@ class PegSeen:
     right_y: float  # bottom-right corner [m]
     right_z: float
     wider: Measured | None = None  # than the task's peg [m]; None: its width is taken as known
+    longer: Measured | None = None  # than the task's peg [m]; None: its lower end was not seen
 
 
 @dataclass(frozen=True, kw_only=True)
