@@ -15,7 +15,7 @@ from pydantic import AliasChoices, Field, PlainSerializer, PlainValidator
 
 from pliant.belief import Belief
 from pliant.cell import Image, Motion, Observation, Stop, Truth
-from pliant.diagnosis import OF_FAULTS, Diagnosis
+from pliant.diagnosis import OF_FAULTS, Diagnosis, Hypothesis
 from pliant.formations import OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
@@ -355,12 +355,15 @@ class Trial:
     @property
     def diagnosis(self) -> Diagnosis:
         """What was believed to be so in the end: a fault of the cell that says it, or the last
-        execution's."""
+        execution's; unknown where a reasoner stopped without a sign."""
         said = OF_FAULTS.get(self.end_reason)
         if said is not None:
             sees = any(look.scene.peg for e in self.executions for look in e.outcome.looks)
             return Diagnosis(weights={said[sees]: 1.0})
-        return self.executions[-1].diagnosis if self.executions else Diagnosis()
+        last = self.executions[-1].diagnosis if self.executions else Diagnosis()
+        if self.end_reason == End.STOPPED and last.leading is Hypothesis.AS_TOLD:
+            return Diagnosis(weights={Hypothesis.UNKNOWN: 1.0})
+        return last
 
     @property
     def inserted(self) -> bool | None:

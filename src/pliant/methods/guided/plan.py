@@ -11,7 +11,7 @@ from pliant.formations import Formation, Step
 from pliant.pose import Axis, describe
 from pliant.records import Case, FailureAnalysis, Recovery
 
-_AIMS = (0.0, 0.010, -0.010, -0.002, 0.005, -0.005, 0.015, -0.015)
+_AIMS = (0.0, 0.010, -0.010, 0.017, -0.017, -0.002, 0.005, -0.005)
 """The places [m], from where the hole is seen, at which it is felt for in turn: again where it
 is seen; then a camera may be off. Fit finds a hole that is up to 3 mm from there. After all of them
 it is given up."""

@@ -113,7 +113,7 @@ def _of_height(outcome: Outcome, belief: Belief) -> Sign | None:
 
 def _of_search(all_of: Sequence[tuple[Outcome, Belief]]) -> list[Sign]:
     """No edge of a hole was felt, wherever Fit looked for it. The low corner is dragged over more
-    than a hole's width each time, so that little is left after two wide shifts."""
+    than a hole's width each time, so that little is left after four wide shifts."""
     found = []
     for outcome, belief in all_of:
         height = _height(outcome, belief, Formation.FIT)
@@ -123,7 +123,7 @@ def _of_search(all_of: Sequence[tuple[Outcome, Belief]]) -> list[Sign]:
             return []
         by, wide = belief.hole_shift, abs(belief.hole_shift) > _ELSEWHERE_M
         says = f"no edge is felt {by * 1e3:+.0f} mm along y from where the hole is seen"
-        speaks = {Hypothesis.HOLE_ELSEWHERE: 0.3, Hypothesis.HOLE_BLOCKED: 1.7 if wide else 0.3}
+        speaks = {Hypothesis.HOLE_ELSEWHERE: 0.3, Hypothesis.HOLE_BLOCKED: 0.9 if wide else 0.3}
         found.append(Sign(says=says, speaks=speaks))
     return found
 
