@@ -18,8 +18,9 @@ from pliant.vision.lines import (
     STRETCH,
     Floats,
     Pair,
-    Step,
+    averaged,
     fit_pair,
+    in_order,
     level,
     peaks,
     unrolled,
@@ -34,6 +35,7 @@ from pliant.vision.seen import hole_seen, peg_seen, shifted
 
 _BLUR = 0.8  # [px] against noise
 _PIECE = 12  # [px] of an edge that is averaged
+_ASIDE = 7  # [px] of an edge, where its steps are looked for
 _HOLE_REACH = 0.037  # [m] how far the hole's centre may be from nominal along y
 _BOARD_REACH = 0.012  # [m] and the surface along z
 _MOST_ROLL = math.radians(0.6)  # of the camera
@@ -163,16 +165,16 @@ def _pair(
     near = _uprights_at(column, left, right, slack)
     if near is None:
         return None
-    points: list[Step] = []
     pieces = range(rows.start, rows.stop - _PIECE, _PIECE)
-    for row in pieces:
-        profile = picture[row : row + _PIECE].mean(axis=0)
-        for line, column_at in enumerate(near):
-            points += [
-                (line, place + 0.5, row + _PIECE / 2, weight(step))
-                for place, step in peaks(profile, column_at, 3.5)
-            ]
-    pair = fit_pair(points, right - left, _MOST_ROLL)
+    lines = []
+    for line, at_column in enumerate(near):
+        beside = slice(max(0, at_column - _ASIDE), at_column + _ASIDE + 1)
+        profiles = averaged(picture[:, beside], rows.start, len(pieces), _PIECE)
+        found = peaks(profiles, at_column - beside.start, 3.5)
+        at_row = rows.start + _PIECE * found.profile + _PIECE / 2
+        at = found.place + beside.start + 0.5
+        lines.append(np.column_stack([np.full(len(at), line), at, at_row, weight(found.step)]))
+    pair = fit_pair(in_order(lines), right - left, _MOST_ROLL)
     if pair is None or pair.support < _LEAST_SUPPORT * len(pieces):
         return None
     return pair
@@ -219,14 +221,13 @@ def _block_top(
     ends = weaker[rows + _PIECE // 2 + 2] - weaker[rows - _PIECE // 2 - 2]
     score = edge[rows] + 0.5 * ends
     at = low + int(np.argmax(score))
-    places: list[float] = []
-    for column in range(left + 4, right - 4 - _PIECE, _PIECE):
-        profile = picture[at - 8 : at + 9, column : column + _PIECE].mean(axis=1)
-        places += [at - 8 + place + 0.5 for place, _ in peaks(profile, 8, 3.0)]
+    columns = np.arange(left + 4, right - 4 - _PIECE, _PIECE)
+    around = picture[at - 8 : at + 9, columns[:, None] + np.arange(_PIECE)].mean(axis=2)
+    places = at - 8 + peaks(around.transpose(1, 0, 2), 8, 3.0).place + 0.5
     if len(places) < 3:
         return None
     row = float(np.median(places))
-    spread = 1.5 * float(np.median(np.abs(np.array(places) - row)))
+    spread = 1.5 * float(np.median(np.abs(places - row)))
     return row, max(0.2, 1.25 * spread / math.sqrt(len(places)))
 
 
