@@ -121,8 +121,9 @@ def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Bloc
     top, up_down = _row(camera, -offset.z.value), (_BOARD_REACH + offset.reach) * scale
     outer, face = _block_at(camera, yaw, -offset.y.value)
     rows = slice(round(top + up_down), camera.height - 6)
-    uprights = upright(picture, piece=_PIECE)
-    column = uprights[rows][_PIECE // 2 :: _PIECE].mean(axis=0)
+    first = max(0, round(top - up_down) - 2 * _PIECE)  # above it nothing is looked at
+    uprights = upright(picture[first:], piece=_PIECE)
+    column = uprights[rows.start - first : rows.stop - first][_PIECE // 2 :: _PIECE].mean(axis=0)
     slack = round((_HOLE_REACH + offset.reach) * scale)
     pair = _pair(picture, column, rows, outer, slack)
     if outer[1] - outer[0] - (face[1] - face[0]) > _TURNED_PX:
@@ -139,7 +140,7 @@ def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Bloc
                 pair = wider
     if pair is None:
         return None
-    found = _block_top(picture, uprights, pair, top, up_down)
+    found = _block_top(picture, uprights, first, pair, top, up_down)
     if found is None:
         return None
     top_row, top_sd = found
@@ -208,18 +209,19 @@ def _uprights_at(column: Floats, left: float, right: float, slack: int) -> tuple
 
 
 def _block_top(
-    picture: Floats, uprights: Floats, pair: Pair, expected: float, reach: float
+    picture: Floats, uprights: Floats, first: int, pair: Pair, expected: float, reach: float
 ) -> tuple[float, float] | None:
-    """The (row, sd) [px] of the block's top: a level edge, above which its upright edges end."""
+    """The (row, sd) [px] of the block's top: a level edge, above which its upright edges end, whose
+    strengths are given from a `first` row on."""
     low, high = round(expected - reach), round(expected + reach)
     left, right = round(pair.left), round(pair.right)
-    levels = level(picture, piece=_PIECE)
+    levels = level(picture[low - 1 : high + 1], piece=_PIECE)[1:-1]
     edge = levels[:, left + _PIECE : right - _PIECE : _PIECE].mean(axis=1)
     sides = [uprights[:, c - 1 : c + 2].max(axis=1) for c in (left, right)]
     weaker = np.minimum(sides[0], sides[1])
-    rows = np.arange(low, high)
+    rows = np.arange(low - first, high - first)
     ends = weaker[rows + _PIECE // 2 + 2] - weaker[rows - _PIECE // 2 - 2]
-    score = edge[rows] + 0.5 * ends
+    score = edge + 0.5 * ends
     at = low + int(np.argmax(score))
     columns = np.arange(left + 4, right - 4 - _PIECE, _PIECE)
     around = picture[at - 8 : at + 9, columns[:, None] + np.arange(_PIECE)].mean(axis=2)

@@ -23,28 +23,31 @@ STRETCH = 0.015  # of a width, where things or the camera are nearer or farther
 _CLIP, _CLEAR = 30.0, 6.0  # [grey levels a pixel] steps count up to, and half at
 _SAME_LINE = 0.9  # [px] from a line
 _SLOPES = 41  # that are tried
+_SUM = np.ones((1, 3), np.float32)  # of a colour's channels
 _LEAST_STEP, _NOT_MUCH_WEAKER = 0.8, 0.4  # [grey levels a pixel]; share of the strongest
 
 
 def upright(picture: Floats, *, piece: int) -> Floats:
     """The strength of an upright edge around each pixel, over `piece` rows: 0 to 1."""
-    return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 1, 0)), (1, piece)))
+    return strength(cv2.blur(derivative(picture, 1, 0), (1, piece)))
 
 
 def level(picture: Floats, *, piece: int) -> Floats:
     """The strength of a level edge around each pixel, over `piece` columns: 0 to 1."""
-    return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 0, 1)), (piece, 1)))
+    return strength(cv2.blur(derivative(picture, 0, 1), (piece, 1)))
 
 
-def clipped(derivative: NDArray[Any]) -> Floats:
-    """A Scharr derivative in grey levels a pixel; steep steps count no more than clear ones."""
-    return np.asarray(np.clip(derivative / 32, -_CLIP, _CLIP), np.float32)
+def derivative(picture: Floats, across: int, down: int) -> Floats:
+    """A derivative in grey levels a pixel, `across` or `down`; steep steps count no more than clear
+    ones."""
+    steps = np.asarray(cv2.Scharr(picture, cv2.CV_32F, across, down, scale=1 / 32), np.float32)
+    return np.clip(steps, -_CLIP, _CLIP, out=steps)
 
 
 def strength(mean: NDArray[Any]) -> Floats:
     """The strength, 0 to 1, of an edge whose derivative has this mean along a piece (h, w, 3)."""
-    step = np.sqrt(np.einsum("ijk,ijk->ij", mean, mean))
-    return np.asarray(step / (step + _CLEAR), np.float32)
+    step = cv2.sqrt(cv2.transform(cv2.multiply(mean, mean), _SUM))
+    return np.asarray(step / (step + np.float32(_CLEAR)), np.float32)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

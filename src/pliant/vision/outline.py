@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pliant.cell import Camera, View
 from pliant.task import BLOCK_SIZE
 from pliant.vision.least_squares import Unknown, minimise
-from pliant.vision.lines import Floats, clipped, peaks, strength, weight
+from pliant.vision.lines import Floats, derivative, peaks, strength, weight
 from pliant.vision.scene import Measured
 
 _BLUR = 0.8  # [px] against noise
@@ -137,7 +137,7 @@ class _Strengths:
 
     def __init__(self, picture: Floats) -> None:
         small = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        self._steps = [clipped(cv2.Scharr(small, cv2.CV_32F, *d)) for d in ((1, 0), (0, 1))]
+        self._steps = [derivative(np.asarray(small, np.float32), *d) for d in ((1, 0), (0, 1))]
         self._maps: dict[int, Floats] = {}
 
     def around(self, side: _Side, half: NDArray[np.int_]) -> Floats:

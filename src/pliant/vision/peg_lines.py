@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+from numpy.lib.stride_tricks import as_strided
 
 from pliant.cell import Camera
 from pliant.pose import Pose
@@ -182,14 +182,13 @@ def _search(
         return values[top : top + len(rows), left : left + len(columns)]
 
     # Along the peg, piece by piece, and from each place of the tip: (pieces, rows, columns).
-    ups = np.arange(piece / 2, length, piece)
-    tops = int(rows[0]) - np.round(ups).astype(int)
-    counts, left, right = (
-        sliding_window_view(values, (len(rows), len(columns)))[tops, int(columns[0]) + aside]
-        for values, aside in ((seen, 0), (sides, -round(half)), (sides, round(half)))
-    )
+    at_ups = np.arange(piece / 2, length, piece)
+    tops, start = int(rows[0]) - np.round(at_ups).astype(int), int(columns[0])
+    windows = [_windows(values, (len(rows), len(columns))) for values in (seen, sides)]
+    counts = windows[0][tops, start]
+    left, right = (windows[1][tops, start + aside] for aside in (-round(half), round(half)))
     counts = (
-        np.where(ups < _FREE * length, np.float32(1.0), np.float32(0.5))[:, None, None] * counts
+        np.where(at_ups < _FREE * length, np.float32(1.0), np.float32(0.5))[:, None, None] * counts
     )
     total = np.maximum(counts.sum(axis=0), 1e-6)
     weaker = np.minimum(*((counts * side).sum(axis=0) for side in (left, right))) / total
@@ -206,6 +205,13 @@ def _search(
         best.append((float(score[row, column]), place, tilt))
         score[max(0, row - _APART) : row + _APART + 1] = 0.0
     return best
+
+
+def _windows(values: Floats, size: tuple[int, int]) -> Floats:
+    """Every window of that size in values (n, m), by its first row and column: `as_strided`, since
+    NumPy's `sliding_window_view` takes ten times as long on so few."""
+    shape = (*(n - k + 1 for n, k in zip(values.shape, size, strict=True)), *size)
+    return as_strided(values, shape, values.strides * 2, writeable=False)
 
 
 def _fit_peg(
