@@ -173,8 +173,9 @@ def _pair(
         profiles = averaged(picture[:, beside], rows.start, len(pieces), _PIECE)
         found = peaks(profiles, at_column - beside.start, 3.5)
         at_row = rows.start + _PIECE * found.profile + _PIECE / 2
-        at = found.place + beside.start + 0.5
-        lines.append(np.column_stack([np.full(len(at), line), at, at_row, weight(found.step)]))
+        places = found.place + beside.start + 0.5
+        which = np.full(len(places), line)
+        lines.append(np.column_stack([which, places, at_row, weight(found.step)]))
     pair = fit_pair(in_order(lines), right - left, _MOST_ROLL)
     if pair is None or pair.support < _LEAST_SUPPORT * len(pieces):
         return None
