@@ -35,7 +35,6 @@ from pliant.vision.learned import measure_learned
 from pliant.vision.measure import measure
 
 SEEDS = 690_000
-TURNS = 12
 LOOKS: dict[str, tuple[str, Callable[..., Any]]] = {
     "colour": ("L0", measure),
     "edges": ("L5", measure_edges),
@@ -74,17 +73,17 @@ class Worker:
         return {"s": time.process_time() - began}
 
 
-def questions(trials: int) -> Iterator[tuple[str, dict[str, Any]]]:
+def questions(trials: int, turns: int) -> Iterator[tuple[str, dict[str, Any]]]:
     """What is asked: a name for its line, and how to ask."""
     for level in ("L0", "L8"):
         for camera in ("side", "front", "oblique"):
-            for seed in range(TURNS):
+            for seed in range(turns):
                 yield (
                     f"picture {level} {camera}",
                     {"kind": "picture", "level": level, "camera": camera, "seed": SEEDS + seed},
                 )
     for way, (level, _) in LOOKS.items():
-        for seed in range(TURNS):
+        for seed in range(turns):
             yield f"look {way}", {"kind": "look", "level": level, "way": way, "seed": SEEDS + seed}
     for peg in shipped_pegs():
         if peg in load_level("L0").pegs or peg.startswith("rectangle"):
@@ -113,23 +112,23 @@ def ask(process: "subprocess.Popen[str]", question: dict[str, Any]) -> dict[str,
     return answered
 
 
-def main(other: Path, trials: int) -> None:
-    here = Path(__file__).resolve().parents[1]
+def main(other: Path, trials: int, only: str, turns: int) -> None:
     times: dict[str, list[tuple[float, float]]] = {}
     with ExitStack() as stack:
         sides = [
             stack.enter_context(
                 subprocess.Popen(
-                    [checkout / ".venv/bin/python", __file__, "--serve"],
+                    [python, __file__, "--serve"],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     text=True,
                 )
             )
-            for checkout in (other.resolve(), here)
+            for python in (other.resolve() / ".venv/bin/python", sys.executable)
         ]
         inserted = [0, 0]
-        for n, (name, question) in enumerate(questions(trials)):
+        asked = [(n, q) for n, q in questions(trials, turns) if n.startswith(only)]
+        for n, (name, question) in enumerate(asked):
             order = (0, 1) if n % 2 else (1, 0)
             answers = {side: ask(sides[side], question) for side in order}
             times.setdefault(name, []).append((answers[0]["s"], answers[1]["s"]))
@@ -155,10 +154,12 @@ if __name__ == "__main__":
     parser.add_argument("other", type=Path, nargs="?")
     parser.add_argument("--serve", action="store_true")
     parser.add_argument("--trials", type=int, default=20, help="of L5 and of L8")
+    parser.add_argument("--turns", type=int, default=12, help="of each picture and look")
+    parser.add_argument("--only", default="", help="what begins with that, such as 'picture L8'")
     given = parser.parse_args()
     if given.serve:
         serve()
     elif given.other is None:
         parser.error("which other checkout?")
     else:
-        main(given.other, given.trials)
+        main(given.other, given.trials, given.only, given.turns)
