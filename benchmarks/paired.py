@@ -4,7 +4,8 @@
 
 Both run in processes of their own and are asked in turn, so that whatever else the machine does
 meets both. A time is processor time of one process on one core; a trial's is with its pictures.
-Prints the medians of both and of the ratio in each turn, and every trial whose outcome differs.
+Prints the medians of both and of the ratio in each turn, that with its quartiles, and every trial
+whose outcome differs.
 """
 
 import argparse
@@ -112,7 +113,7 @@ def ask(process: "subprocess.Popen[str]", question: dict[str, Any]) -> dict[str,
     return answered
 
 
-def main(other: Path, trials: int, only: str, turns: int) -> None:
+def main(other: Path, each: int, only: str, turns: int) -> None:
     times: dict[str, list[tuple[float, float]]] = {}
     with ExitStack() as stack:
         sides = [
@@ -127,7 +128,7 @@ def main(other: Path, trials: int, only: str, turns: int) -> None:
             for python in (other.resolve() / ".venv/bin/python", sys.executable)
         ]
         inserted = [0, 0]
-        asked = [(n, q) for n, q in questions(trials, turns) if n.startswith(only)]
+        asked = [(n, q) for n, q in questions(each, turns) if n.startswith(only)]
         for n, (name, question) in enumerate(asked):
             order = (0, 1) if n % 2 else (1, 0)
             answers = {side: ask(sides[side], question) for side in order}
@@ -141,12 +142,14 @@ def main(other: Path, trials: int, only: str, turns: int) -> None:
             process.stdin.close()
     for name, pairs in times.items():
         before, after = (statistics.median(side) for side in zip(*pairs, strict=True))
-        ratio = statistics.median(b / a for b, a in pairs)
+        ratios = sorted(b / a for b, a in pairs)
+        low, _, high = statistics.quantiles(ratios, n=4) if len(ratios) > 1 else ratios * 3
         print(
             f"{name} (n = {len(pairs)}): {1e3 * before:.1f} ms, here {1e3 * after:.1f} ms:"
-            f" {ratio:.2f} x"
+            f" {statistics.median(ratios):.2f} x (quartiles {low:.2f} to {high:.2f})"
         )
-    print(f"inserted: {inserted[0]}, here {inserted[1]}")
+    trials = sum(len(pairs) for name, pairs in times.items() if name.startswith("trial"))
+    print(f"inserted: {inserted[0]} of {trials}, here {inserted[1]}")
 
 
 if __name__ == "__main__":
