@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from pliant.envelope import Descent
 from pliant.formations import Formation, Step
@@ -54,6 +55,7 @@ def hang_share(teaching: Teaching) -> float:
     return shown.tilt.value / teaching.goals.target(Formation.APPROACH).roll
 
 
+@lru_cache(maxsize=8)  # asked for at every look, and it reads the peg's file
 def sag_m(teaching: Teaching) -> float:
     """The length [m] by which the tool's weight stretches the wrist in free hang, read off the
     goals."""
