@@ -38,13 +38,16 @@ def test_every_link_leads_to_a_file_and_a_heading_of_it(path: Path) -> None:
 # --- commands ----------------------------------------------------------------------------------
 
 
+_COMMAND = re.compile(r"^(    )?pliant [a-z-]+|\| `(pliant [^`]+)` \|")
+
+
 def commands() -> list[Any]:
-    """Every line of a command, in fences and indented."""
+    """Every line of a command, in fences, indented, and in a table's cell."""
     lines = [
-        (path, line.strip())
+        (path, (inline or line).strip())
         for path in DOCUMENTS
         for line in path.read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
-        if re.match("(    )?pliant [a-z-]+", line)
+        for _, inline in re.findall(_COMMAND, line)
     ]
     return [pytest.param(line, id=f"{name(path)}: {line}") for path, line in lines]
 
