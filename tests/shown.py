@@ -162,6 +162,7 @@ ONE = "--trials 1 --workers 1"
 HOSTED = NotRun(because="asks a hosted model")
 SERVER = Elsewhere(test="test_vlm_server.py", word="base_url")
 INSTALLS = Elsewhere(test="../tools/smoke_wheel.sh", word="pip install")
+SHELLS = Elsewhere(test="test_wrong_words.py", word="--tyro-print-completion")
 REAL = NotRun(because="moves a real cell")
 PICTURE = NotRun(because="a picture drawn with characters")
 MINE = {"mine.py": ("docs/how-to/reasoner.md", "mine.py")}
@@ -177,7 +178,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "README.md": Page(
         blocks={
-            "make run": Comes(less="-n", says=(r"pliant run .*--out runs/first",)),
+            "make run": Comes(less="-n", says=(r"pliant run --peg circle .*--seed 1",)),
             "make test": NotRun(because="runs these tests"),
             "pliant run --peg square --condition all --seed 4": Comes(
                 says=INSERTED,
@@ -304,6 +305,16 @@ PAGES: Mapping[str, Page] = {
                 less="--trials 1", says=(r"\| circle \| all \| rules \| 1 \| 100\.0",)
             ),
             "noisy.py": Comes(),
+        }
+    ),
+    "docs/how-to/command-line.md": Page(
+        blocks={
+            "pliant run --help": Comes(says=("^what is tried:", r"--hole-y-mm MIN MAX")),
+            "pliant run --peg sqare": Comes(says=("did you mean 'square'",), status=2),
+            "pliant run --vidoe": Comes(says=("did you mean '--video'",), status=2),
+            "pliant --tyro-print-completion bash": SHELLS,
+            "pliant --tyro-print-completion zsh": SHELLS,
+            "python -m pliant --version": Comes(says=(r"^pliant \d+\.\d+",)),
         }
     ),
     "docs/how-to/experiments.md": Page(

@@ -14,7 +14,7 @@ import tyro
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pliant.cli.model import UNDECIDED, ModelOptions
-from pliant.console import Console
+from pliant.console import Console, complain
 from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
 from pliant.experiment.bench.cases import SHIPPED, Cases
@@ -22,6 +22,7 @@ from pliant.experiment.bench.marks import Make, Mark
 from pliant.files import write_bytes
 from pliant.own import located_own, short_name
 from pliant.paths import located
+from pliant.paths import shown as named
 from pliant.reasoners import VLM, reasoner, vlm
 from pliant.recovery import Reasoner
 
@@ -57,6 +58,8 @@ def bench_reasoner(
     with _Shown(total) as shown:
         document = run.run(makers, chosen, limit=limit, on_mark=shown.tell)
     if out is not None:
+        if out.exists():
+            complain(f"pliant: '{named(out)}' was there, and is replaced")
         write_bytes(out, (json.dumps(document, indent=1) + "\n").encode())
     console = Console(soft_wrap=True)
     console.print(table.markdown(document), highlight=False, end="")

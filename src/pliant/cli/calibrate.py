@@ -261,8 +261,9 @@ class _Session:
 
     def _keep(self, name: str, image: Image) -> None:
         path = self._out / name
+        before = ", in the place of the one before" if path.exists() else ""
         files.write_bytes(path, pictures.encoded(image))
-        self._say(f"  look at {path}")
+        self._say(f"  look at {path}{before}")
 
     def _say(self, text: str) -> None:
         self._console.print(Text(text))
