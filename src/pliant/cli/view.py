@@ -13,6 +13,7 @@ import tyro
 from rich.text import Text
 
 from pliant import folders, store, teaching
+from pliant.cli.steps import Steps
 from pliant.console import Console, say
 from pliant.errors import InputError
 from pliant.experiment import journal, results
@@ -56,13 +57,8 @@ def view(
     folder = _place(folder, out, console)
     if serve:
         server = Server(folder, port)  # a port that is taken is said at once
-    with console.status("reading the results") as status:
-        viewed = make(
-            folder,
-            teachings,
-            film=video,
-            progress=lambda done, of: status.update(f"trial {done + 1} of {of}"),
-        )
+    with Steps("pages") as steps:
+        viewed = make(folder, teachings, film=video, progress=steps.tell)
     for problem in viewed.problems:
         console.print(Text(f"no page: {problem}"))
     if viewed.without_goals:
