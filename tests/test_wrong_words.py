@@ -84,6 +84,18 @@ def test_a_wrong_command_line_is_answered_in_one_line(
     assert [*tmp_path.iterdir()] == []
 
 
+def test_a_class_that_a_file_does_not_have_is_answered_with_those_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own.py"
+    own.write_text("class Careful: ...\n", encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["pliant", "run", "--reasoner", f"{own}:Carful"])
+    with pytest.raises(SystemExit):
+        main()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "has no class 'Carful': it has Careful; did you mean 'Careful'?" in said
+
+
 @pytest.fixture
 def help_of(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
