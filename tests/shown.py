@@ -211,6 +211,13 @@ PAGES: Mapping[str, Page] = {
                 makes=("data/meta/executions.parquet", "data/videos/*/*/*.mp4"),
                 slow=True,
             ),
+            "pliant experiment --pegs circle square --reasoners none rules retry --trials 20": Comes(
+                says=(
+                    "resuming: 40 of 120 trials are there",
+                    r"\| square \| all \| retry \| 20 \|",
+                ),
+                slow=True,
+            ),
             "python 1": Comes(
                 says=(r"^approach True ", r"^fit False ", r"^inserted True$"), then=is_inserted
             ),
@@ -323,6 +330,12 @@ PAGES: Mapping[str, Page] = {
             " rules --trials 20 --out runs/mine": Comes(
                 less=ONE, says=(r"\| square \| all \| rules \| 1 \| 100\.0",), slow=True
             ),
+            "pliant experiment --pegs circle square --conditions friction all --reasoners none"
+            " rules retry --trials 30 --out runs/mine": Comes(
+                less="--trials 2 --workers 1",
+                says=("resuming: 8 of 24", r"\| square \| all \| retry \| 2 \|"),
+                slow=True,
+            ),
             "mine.yaml": Comes(then=is_planned(110)),
             "pliant experiment mine.yaml --out runs/from-file": Comes(
                 less=ONE,
@@ -336,7 +349,7 @@ PAGES: Mapping[str, Page] = {
                 less=ONE, says=("results: runs/from-file",), slow=True
             ),
             "pliant tables runs/mine": Comes(
-                says=(r"\| circle \| friction \| none \| 1 \|",), slow=True
+                says=(r"\| circle \| friction \| none \| 2 \|",), slow=True
             ),
             "pliant view runs/mine": Comes(makes=("runs/mine/index.html",), slow=True),
             "python 1": Comes(
