@@ -211,7 +211,8 @@ PAGES: Mapping[str, Page] = {
                 makes=("data/meta/executions.parquet", "data/videos/*/*/*.mp4"),
                 slow=True,
             ),
-            "pliant experiment --pegs circle square --reasoners none rules retry --trials 20": Comes(
+            "pliant experiment --pegs circle square --reasoners none rules retry"
+            " --trials 20": Comes(
                 says=(
                     "resuming: 40 of 120 trials are there",
                     r"\| square \| all \| retry \| 20 \|",
