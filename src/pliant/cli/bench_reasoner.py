@@ -1,12 +1,12 @@
 """`pliant bench-reasoner`: any reasoner, scored on a fixed set of cases, without a simulator."""
 
 import json
-import os
 import sys
 from collections.abc import Mapping
 from functools import partial
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Annotated
 
 import tyro
@@ -108,5 +108,10 @@ def _recording(folder: Path | None, case: str) -> Path | None:
 def _check_writable(out: Path) -> None:
     """Refuse a file that could not be written, before anything is asked."""
     folder = next(parent for parent in out.absolute().parents if parent.exists())
-    if out.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+    try:
+        with TemporaryFile(dir=folder):  # who is root may write anywhere, but not in /proc
+            is_writable = not out.is_dir()
+    except OSError:
+        is_writable = False
+    if not is_writable:
         raise InputError(f"'{out}' cannot be written: choose another file for --out")
