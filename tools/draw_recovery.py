@@ -44,7 +44,7 @@ from pliant.teaching import shipped
 
 PEG, CONDITION, SEED = "square", "all", 4
 CAMERA = "oblique"  # the model's own, moved
-FPS, COLOURS = 10, 128
+FPS, COLOURS, SMOOTHED = 10, 128, 2  # drawn that many times as wide and high, and shrunk
 WIDTH, HEIGHT, CAPTION = 560, 420, 58  # [px] of the picture, and of the caption below it
 BEHIND = ("base", "shoulder_link", "upper_arm_link", "forearm_link")  # of the arm, left out
 SPRINGS_TO_HOLE = 0.115  # [m] above the board: the middle of what is to be seen
@@ -68,7 +68,9 @@ def pictures(task: Task, trial: Trial, trajectory: Trajectory) -> Iterator[Pictu
     apply(model, trajectory.setup)
     cut(model, task)
     aim(model)
-    data, cameras = mujoco.MjData(model), Cameras(model)
+    size = model.vis.global_
+    size.offwidth, size.offheight = (SMOOTHED * side for side in c.IMAGE_SIZE)
+    data, cameras = mujoco.MjData(model), Cameras(model, enlarged=SMOOTHED)
     drawn, picture = -1, np.zeros((0, 0, 3), np.uint8)
     for shot in storyboard(trial, trajectory)[:: round(FRAMES_PER_S / FPS)]:
         if shot.sample != drawn:
@@ -96,6 +98,7 @@ def cut(model: mujoco.MjModel, task: Task) -> None:
         model.geom_size[geom] = [(front - back) / 2, (right - left) / 2, high / 2]
         model.geom_pos[geom] = [(back + front) / 2, (left + right) / 2, -high / 2]
         model.geom_quat[geom] = [1.0, 0.0, 0.0, 0.0]
+        model.geom_aabb[geom] = [0.0, 0.0, 0.0, *model.geom_size[geom]]
         model.geom_rgba[geom] = c.BLOCK_RGBA if front == 0.0 else INSIDE
     for body in ("world", *BEHIND):
         model.geom_rgba[model.geom_bodyid == model.body(body).id, 3] = 0.0
