@@ -119,7 +119,7 @@ def taken(words: Sequence[str], command: Callable[..., T], parse: Callable[[], T
             break
         option = word.partition("=")[0].replace("_", "-")
         if re.match(r"--[a-z]", word) and option not in (*spelled, *HELP) and "--tyro" not in word:
-            near = did_you_mean(option, spelled) or f"; {prog} --help lists them"
+            near = _meant(option, known) or f"; {prog} --help lists them"
             raise InputError(f"unknown option '{option}'{near}")
     said = io.StringIO()
     try:
@@ -143,7 +143,9 @@ def in_a_line(box: str, known: Sequence[Option]) -> str:
     named = re.search(r"--[a-z-]+|(?<=for argument ')[a-z-]+", text)
     option = next((o for o in known if named and named[0] in (*o.spellings, o.name)), None)
     if text.startswith("Unrecognized"):
-        return f"'{text.partition(': ')[2]}' is no option, nor the value of one"
+        word = text.partition(": ")[2].partition(",")[0]
+        near = _meant(word, known) if word.startswith("-") else ""
+        return f"'{word}' is no option, nor the value of one{near}"
     given = re.search(r"(?:invalid choice |base 10: |to float: )'(.*?)'(?: |$)", text)
     if option is None:
         return text[:1].lower() + text[1:]
@@ -157,8 +159,21 @@ def in_a_line(box: str, known: Sequence[Option]) -> str:
     return text[:1].lower() + text[1:]
 
 
+def _meant(word: str, known: Sequence[Option]) -> str:
+    """The question whether an option was meant whose name is like a word's, or has it as a part."""
+    name = word.strip("-")
+    parts = (o.name for o in known if name in o.name.split("-") and not o.is_positional)
+    near = did_you_mean(name, [o.name for o in known if not o.is_positional])
+    if not near and (part := next(parts, "")):
+        near = f"; did you mean '{part}'?"
+    return near.replace("mean '", "mean '--")
+
+
 _COUNTED = {1: "a value", 2: "two values"}
-_KINDS = {"N": "a whole number", "X": "a number", "MIN MAX": "the least and the most, two numbers"}
+_KINDS = {
+    **{"N": "a whole number", "X": "a number", "X X": "numbers", "PATH": "a path"},
+    **{"MIN MAX": "the least and the most", "COLUMN ROW": "whole numbers", "NAME": "a name"},
+}
 
 
 def _said(option: Option) -> str:

@@ -38,13 +38,16 @@ class _Refused(PliantError):
     """The error that a calibration is too poor to be used."""
 
 
+Pixel = Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="COLUMN ROW")]
+
+
 def calibrate(
     what: Annotated[What, tyro.conf.Positional] = "all",
     *,
     cell: str = "sim",
     peg: str = "circle",
-    peg_at: tuple[int, int] | None = None,
-    block_at: tuple[int, int] | None = None,
+    peg_at: Pixel = None,
+    block_at: Pixel = None,
     condition: str = "none",
     seed: int = 1,
     write: bool = True,
