@@ -17,9 +17,8 @@ help:  ## List the targets
 	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1\t\2/p' Makefile | expand -t 20
 setup: .venv/.synced  ## Make .venv from the lock file, and see that pictures can be drawn
 	@tools/ensure_opengl.sh
-run: setup  ## One trial under every disturbance, into runs/first (SEED=n for another)
-	rm -rf runs/first
-	$(BIN)/pliant run --peg circle --condition all --seed $(SEED) --reasoner rules --out runs/first
+run: setup  ## One trial under every disturbance, with its page (SEED=n for another)
+	$(BIN)/pliant run --peg circle --condition all --seed $(SEED) --reasoner rules
 test: setup  ## Style, types, layers, the wheel and the tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check

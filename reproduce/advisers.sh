@@ -5,4 +5,4 @@ cd "$(dirname "$0")/.."
 out=${1:-runs/advisers}
 [ $# -eq 0 ] || shift
 # One of the advisers never answers, on purpose: that is status 3.
-.venv/bin/pliant experiment reproduce/advisers.yaml --trust --out "$out" "$@" || [ $? -eq 3 ]
+PYTHONPATH=tests .venv/bin/pliant experiment reproduce/advisers.yaml --trust --out "$out" "$@" || [ $? -eq 3 ]

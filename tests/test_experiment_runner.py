@@ -17,7 +17,7 @@ import pytest
 from pliant import store
 from pliant.console import Console
 from pliant.errors import InputError
-from pliant.experiment import journal, results
+from pliant.experiment import journal, results, tables
 from pliant.experiment.cells import Experiment
 from pliant.experiment.columns import EXECUTIONS, schema
 from pliant.experiment.one import perform
@@ -26,6 +26,7 @@ from pliant.experiment.progress import Shown
 from pliant.experiment.rows import Rows, lost, rows_of
 from pliant.experiment.runner import Finished, may_hold, prepare, run
 from pliant.experiment.work import Job, Save
+from pliant.report import summary
 
 HERE = Path(__file__).parent
 TRIALS = 40  # per cell
@@ -290,15 +291,78 @@ def test_a_script_without_its_guard_is_told_so(tmp_path: Path) -> None:
 
 
 def test_a_folder_of_another_configuration_is_refused(tmp_path: Path) -> None:
-    run(experiment(2), tmp_path, workers=1, work=quick)
-    for other, field in ((experiment(3), "trials"), (experiment(2, pegs=["square"]), "cells")):
-        with pytest.raises(InputError, match=f"another configuration \\({field} differ\\)"):
-            run(other, tmp_path, work=quick)
+    mine = tmp_path / "mine.py"
+    text = """from pliant.reasoners.rules import Rules
+
+
+class Mine(Rules):
+    name = "mine"
+"""
+    mine.write_text(text, encoding="utf-8")
+    folder = tmp_path / "out"
+    named = {
+        "reasoners": ["rules", f"{mine}:Mine"],
+        "conditions": [{"name": "far", "hole_y_mm": [1, 2]}],
+    }
+    run(experiment(2, **named), folder, workers=1, work=quick)
+    far = {"name": "far", "hole_y_mm": [1, 3]}
+    with pytest.raises(InputError, match=r"another configuration \(condition 'far' differ\)"):
+        run(experiment(2, **{**named, "conditions": [far]}), folder, work=quick)
+    with pytest.raises(InputError, match="holds the seeds 1 to 2, and 9 to 10 would leave a gap"):
+        run(experiment(2, **named, first_seed=9), folder, work=quick)
+    mine.write_text(f"{text}    more = 1\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"the file of reasoner 'mine\.py:Mine' differ"):
+        run(experiment(2, **named), folder, work=quick)
     stranger = tmp_path / "notes"
     stranger.mkdir()
     (stranger / "shopping.txt").touch()
     with pytest.raises(InputError, match="holds something else"):
         run(experiment(2), stranger, work=quick)
+
+
+GROWTH = {
+    "more trials": {"trials": 5},
+    "earlier seeds": {"trials": 4, "first_seed": 1},
+    "another peg": {"pegs": ["square", "circle"]},
+    "another reasoner": {"reasoners": ["retry"]},
+    "another condition with more trials": {"conditions": ["pose"], "trials": 4},
+}
+
+
+@pytest.mark.parametrize("change", GROWTH.values(), ids=list(GROWTH))
+def test_an_experiment_grows_and_repeats_nothing(tmp_path: Path, change: dict[str, Any]) -> None:
+    small = experiment(2, first_seed=3)
+    run(small, tmp_path, workers=1, work=quick)
+    first = results.read_trials(tmp_path).to_pylist()
+    larger = experiment(**{"trials": 2, "first_seed": 3, **change})
+    new = {spec.trial_id for spec in larger.specs()} - {row["trial_id"] for row in first}
+    ended = run(larger, tmp_path, workers=1, work=quick)
+    assert (ended.complete, ended.total) == (True, len(larger))
+    assert ended.done - ended.resumed == len(new) > 0
+    rows = results.read_trials(tmp_path).to_pylist()
+    assert [row for row in rows if row["trial_id"] not in new] == first  # also their wall time
+    assert {row["trial_id"] for row in rows} == new | {row["trial_id"] for row in first}
+    assert summary.read(tmp_path).planned == len(rows)
+
+
+def test_one_that_asks_for_less_shows_a_part_and_the_rest_stays(tmp_path: Path) -> None:
+    run(experiment(4), tmp_path, workers=1, work=quick)
+    before = outcomes(tmp_path)
+    part = experiment(2, reasoners=["rules"])
+    ended = run(part, tmp_path, workers=1, work=quick)
+    assert (ended.total, ended.resumed) == (2, 2)
+    assert outcomes(tmp_path) == before
+    ids = {spec.trial_id for spec in part.specs()}
+    (cell,) = tables.build(tmp_path, ids)["cells"]
+    assert (cell["reasoner"], cell["n"] + cell["faults"]) == ("rules", 2)
+
+
+def test_while_it_grows_the_results_are_those_that_there_are(tmp_path: Path) -> None:
+    run(experiment(2), tmp_path, workers=1, work=quick)
+    prepare(experiment(3), tmp_path, grows=True)  # and is killed
+    so_far = summary.read(tmp_path)
+    assert (len(so_far.trials), so_far.planned) == (4, 6)
+    assert run(experiment(3), tmp_path, workers=1, work=quick).resumed == 4
 
 
 def test_a_journal_that_cannot_be_right_is_refused_with_what_to_do(tmp_path: Path) -> None:
@@ -368,7 +432,7 @@ def test_of_two_runs_that_start_together_one_gets_the_folder(
     write, refusals = store.write_run_json, []
 
     def together(folder: Path, **content: Any) -> None:
-        for other in (experiment(9), experiment()):
+        for other in (experiment(first_seed=99), experiment()):
             with pytest.raises(InputError) as refused:
                 prepare(other, folder)
             refusals.append(str(refused.value))
@@ -377,7 +441,9 @@ def test_of_two_runs_that_start_together_one_gets_the_folder(
     monkeypatch.setattr(store, "write_run_json", together)
     prepare(experiment(), tmp_path)
     assert all("another experiment is writing to" in said for said in refusals)
-    with pytest.raises(InputError, match="another configuration"):
+    with pytest.raises(InputError, match="would leave a gap"):
+        prepare(experiment(first_seed=99), tmp_path)
+    with pytest.raises(InputError, match="holds another trial"):
         prepare(experiment(9), tmp_path)
     prepare(experiment(), tmp_path)
 

@@ -45,7 +45,7 @@ def test_its_trials_carry_its_name_and_belong_to_its_file(file: Path) -> None:
     ("name", "said"),
     [
         ("mine.py:Half", "lacks 'prepare'; see pliant.cell.Workcell"),
-        ("mine.py:None_", "cannot be made: AttributeError"),
+        ("mine.py:None_", "has no class 'None_': it has Mine, Half, Breaks"),
         ("none.py:Mine", "does not exist"),
     ],
 )

@@ -160,3 +160,18 @@ def test_a_port_that_is_taken_or_none_is_refused_in_a_line(server: Server, folde
         Server(folder, 99999)
     with pytest.raises(InputError, match="is no folder"):
         Server(folder / "index.html")
+
+
+def test_the_page_of_an_experiment_that_runs_asks_again_until_it_has_ended(tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text("<p>so far", encoding="utf-8")
+    (tmp_path / "journal.jsonl").touch()
+    server = Server(tmp_path)
+    thread = Thread(target=server.run)
+    thread.start()
+    try:
+        assert int(ask(server, "/")[0].headers["Refresh"]) <= 10
+        (tmp_path / "trials.parquet").touch()
+        assert ask(server, "/")[0].headers["Refresh"] is None
+    finally:
+        server.close()
+        thread.join()

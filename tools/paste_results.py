@@ -11,9 +11,11 @@ import json
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 from pliant.experiment import paper, tables_text
 from pliant.experiment.bench import table as bench
+from pliant.experiment.statistics import wilson
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduce" / "results"
@@ -23,37 +25,87 @@ DOCUMENTS = (
     "docs/bench-reasoner.md",
     "docs/ladder.md",
     "docs/real-cell.md",
+    "docs/results.md",
     "docs/scenarios.md",
 )
 
 
+def summary() -> str:
+    """The README's six rows: who decides, on what, and how often it came out right."""
+    cells = {
+        (cell["peg"], cell["condition"], cell["reasoner"]): cell["inserted"]
+        for cell in _stored("table2")["cells"]
+    }
+    theirs = paper.table2("circle", "all", "rules")
+    assert theirs is not None, "the paper has the circle's row"
+    successes = round(theirs.inserted_percent * theirs.trials / 100)
+    judged = next(iter(_stored("bench_smollm2")["reasoners"].values()))["all"]
+    (all_at_once,) = (row for row in _stored("ladder_rules") if row["level"] == "L8")
+    scenarios = [row["rightly"] for row in _stored("scenarios_rules")]
+    rightly = [sum(row[key] for row in scenarios) for key in ("successes", "n")]
+    grid = "the paper's grid, round peg, everything random: inserted"
+    rows = [
+        ("paper: GPT-4o", grid, _share(successes, theirs.trials)),
+        ("no recovery", grid, _told(cells["circle", "all", "none"])),
+        ("rules", grid, _told(cells["circle", "all", "rules"])),
+        (
+            "a model of 135 million parameters",
+            "stored cases: judged right (balanced accuracy; a coin has 50)",
+            _told(judged["balanced_accuracy"] | {"n": judged["n"]}),
+        ),
+        (
+            "rules, guided skills",
+            "[L8](docs/ladder.md), our hardest level: inserted",
+            _told(all_at_once["inserted"]),
+        ),
+        (
+            "rules, guided skills",
+            "[scenarios](docs/scenarios.md), where the task itself is wrong: ended rightly",
+            _share(*rightly),
+        ),
+    ]
+    lines = [("who decides", "on what", "[%]"), ("---", "---", "---"), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _share(successes: int, n: int) -> str:
+    ends = wilson(successes, n)
+    return _told(
+        {"percent": 100 * successes / n, "low": 100 * ends.low, "high": 100 * ends.high, "n": n}
+    )
+
+
+def _told(rate: dict[str, Any]) -> str:
+    return f"{rate['percent']:.1f} [{rate['low']:.1f}, {rate['high']:.1f}] of {rate['n']}"
+
+
+def _stored(name: str) -> Any:
+    return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
 def block(name: str) -> str:
     """The Markdown that belongs between a name's marks."""
+    if name == "summary":
+        return summary()
     markdown = RESULTS / f"{name.replace('-', '_')}.md"
     if markdown.is_file():
         return markdown.read_text(encoding="utf-8").strip()
     run, _, table = name.partition("-")
     if run == "bench":
-        scores = json.loads((RESULTS / "bench_reasoner.json").read_text(encoding="utf-8"))
-        small = json.loads((RESULTS / "bench_smollm2.json").read_text(encoding="utf-8"))
+        scores = _stored("bench_reasoner")
+        small = _stored("bench_smollm2")
         scores["reasoners"] |= small["reasoners"]  # on the first cases of the same set
         if table in ("kind", "formation"):
             return bench.grouped(scores, table)
         shown = {"judging": bench.judging, "planning": bench.planning, "stopping": bench.stopping}
         return shown[table](scores)
     if run == "scenarios":
-        return tables_text.scenarios(
-            json.loads((RESULTS / f"scenarios_{table}.json").read_text(encoding="utf-8"))
-        )
+        return tables_text.scenarios(_stored(f"scenarios_{table}"))
     if run == "ladder":
-        return tables_text.ladder(
-            json.loads((RESULTS / f"ladder_{table}.json").read_text(encoding="utf-8"))
-        )
+        return tables_text.ladder(_stored(f"ladder_{table}"))
     if run == "table4":
-        return tables_text.table4(
-            json.loads((RESULTS / f"table4_{table}.json").read_text(encoding="utf-8"))["placed"]
-        )
-    document = json.loads((RESULTS / f"{run}.json").read_text(encoding="utf-8"))
+        return tables_text.table4(_stored(f"table4_{table}")["placed"])
+    document = _stored(f"{run}")
     if table == "transitions":
         return tables_text.table3(document["transitions"], paper.REASONER)
     if table == "own":

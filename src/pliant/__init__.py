@@ -3,6 +3,8 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pliant.experiment.compared import Results as Results
+    from pliant.experiment.compared import compare as compare
     from pliant.experiment.one import run as run
 
     __version__: str
@@ -14,6 +16,10 @@ def __getattr__(name: str) -> Any:
         from pliant.experiment.one import run
 
         return run
+    if name in ("compare", "Results"):
+        from pliant.experiment import compared
+
+        return getattr(compared, name)
     if name == "__version__":
         from importlib.metadata import version
 

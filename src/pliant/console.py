@@ -6,13 +6,20 @@ screen, set the window's title or go back in a line is replaced by a sign for it
 """
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import rich.console
 from rich.segment import Segment
 
 from pliant.text import in_a_line, visible
+
+Told = Callable[[int, int], None]
+"""What is told how many of how many steps are done."""
+
+
+def untold(done: int, of: int) -> None:
+    """Take no notice of steps done."""
 
 
 class Console(rich.console.Console):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pliant.errors import InputError, described
+from pliant.errors import InputError, described, did_you_mean
 from pliant.paths import located
 
 
@@ -46,9 +46,16 @@ def make_own(what: str, name: str, needs: Sequence[str], protocol: str) -> Any:
     sys.modules[spec.name] = module  # dataclasses look themselves up there
     try:
         spec.loader.exec_module(module)
-        made = getattr(module, attribute)()
+        made = getattr(module, attribute)() if hasattr(module, attribute) else None
     except (Exception, SystemExit) as error:  # a user's file may raise anything
         raise InputError(f"{what} '{name}' cannot be made: {described(error)}") from error
+    if not hasattr(module, attribute):
+        written = [n for n, v in vars(module).items() if getattr(v, "__module__", "") == spec.name]
+        has = f"it has {', '.join(written)}" if written else "it has none"
+        raise InputError(
+            f"{what} file '{path}' has no class '{attribute}': {has}"
+            f"{did_you_mean(attribute, written)}"
+        )
     for member in needs:
         if not hasattr(made, member):
             raise InputError(f"{what} '{name}' lacks '{member}'; see {protocol}")

@@ -59,6 +59,13 @@ def encoded(picture: Picture) -> bytes:
     return png.tobytes()
 
 
+def shrunk(picture: Picture, width: int) -> Picture:
+    """A picture made smaller, to `width` [px]."""
+    height = round(picture.shape[0] * width / picture.shape[1])
+    small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    return small.astype(np.uint8, copy=False)
+
+
 def size_of(data: bytes) -> tuple[int, int]:
     """Width and height [px] as a picture's header says.
 

@@ -5,6 +5,7 @@
 A trial is the list of its executions; it can be stored, replayed, shown and scored.
 """
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -13,6 +14,7 @@ from typing import Annotated, Any, Protocol
 
 from pydantic import AliasChoices, Field, PlainSerializer, PlainValidator
 
+from pliant import pictures
 from pliant.belief import Belief
 from pliant.cell import Image, Motion, Observation, Stop, Truth
 from pliant.diagnosis import OF_FAULTS, Diagnosis, Hypothesis
@@ -22,6 +24,8 @@ from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.measure import Colours
 from pliant.vision.scene import Scene
+
+_THUMBNAIL = 120  # [px] width of a picture in a notebook's view
 
 SCHEMA = 2
 """Version of everything stored. A reader refuses another."""
@@ -374,9 +378,9 @@ class Trial:
         return f"<Trial {self.trial_id}: {self._ended}>"
 
     def _repr_html_(self) -> str:
-        """A notebook's view: each execution, how it was judged and why."""
+        """A notebook's view: each execution with its last picture, how it was judged and why."""
         rows = "".join(
-            f"<tr><td>{e.index + 1}</td><td>{e.formation}</td>"
+            f"<tr><td>{_thumbnail(e)}</td><td>{e.index + 1}</td><td>{e.formation}</td>"
             f"<td>{'success' if e.verdict.success else 'failure'}</td>"
             f"<td>{escape(e.verdict.reason)}</td></tr>"
             for e in self.executions
@@ -387,3 +391,13 @@ class Trial:
     def _ended(self) -> str:
         known = {True: "inserted", False: "not inserted", None: "not labelled"}[self.inserted]
         return f"{self.end_reason}, {known}, {len(self.executions)} executions"
+
+
+def _thumbnail(execution: Execution) -> str:
+    """The execution's last side picture, small, as HTML; empty where there is none."""
+    views = execution.outcome.looks[-1].observation.views if execution.outcome.looks else {}
+    if "side" not in views:
+        return ""
+    small = pictures.shrunk(views["side"].image, _THUMBNAIL)
+    data = b64encode(pictures.encoded(small)).decode()
+    return f'<img src="data:image/png;base64,{data}" alt="{execution.formation}">'

@@ -1,31 +1,29 @@
 """`pliant bench-reasoner`: any reasoner, scored on a fixed set of cases, without a simulator."""
 
 import json
-import os
 import sys
-import time
 from collections.abc import Mapping
 from functools import partial
+from itertools import count
 from pathlib import Path
-from types import TracebackType
-from typing import Annotated, Self
+from tempfile import TemporaryFile
+from typing import Annotated
 
 import tyro
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pliant.cli.model import UNDECIDED, ModelOptions
-from pliant.console import Console
+from pliant.cli.steps import Steps
+from pliant.console import Console, complain
 from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
 from pliant.experiment.bench.cases import SHIPPED, Cases
-from pliant.experiment.bench.marks import Make, Mark
+from pliant.experiment.bench.marks import Make
 from pliant.files import write_bytes
 from pliant.own import located_own, short_name
 from pliant.paths import located
+from pliant.paths import shown as named
 from pliant.reasoners import VLM, reasoner, vlm
 from pliant.recovery import Reasoner
-
-_PLAIN_EVERY_S = 30.0
 
 
 def bench_reasoner(
@@ -54,9 +52,17 @@ def bench_reasoner(
     if VLM in reasoners:
         model.refuse_silent(model.vlm, partial(print, file=sys.stderr))
     total = len(makers) * (len(chosen) if limit is None else min(limit, len(chosen)))
-    with _Shown(total) as shown:
-        document = run.run(makers, chosen, limit=limit, on_mark=shown.tell)
+    marked = count(1)
+    with Steps("cases") as steps:
+        document = run.run(
+            makers,
+            chosen,
+            limit=limit,
+            on_mark=lambda name, mark: steps.tell(next(marked), total, name),
+        )
     if out is not None:
+        if out.exists():
+            complain(f"pliant: '{named(out)}' was there, and is replaced")
         write_bytes(out, (json.dumps(document, indent=1) + "\n").encode())
     console = Console(soft_wrap=True)
     console.print(table.markdown(document), highlight=False, end="")
@@ -102,43 +108,10 @@ def _recording(folder: Path | None, case: str) -> Path | None:
 def _check_writable(out: Path) -> None:
     """Refuse a file that could not be written, before anything is asked."""
     folder = next(parent for parent in out.absolute().parents if parent.exists())
-    if out.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+    try:
+        with TemporaryFile(dir=folder):  # who is root may write anywhere, but not in /proc
+            is_writable = not out.is_dir()
+    except OSError:
+        is_writable = False
+    if not is_writable:
         raise InputError(f"'{out}' cannot be written: choose another file for --out")
-
-
-class _Shown:
-    """A display of the benchmark's progress: a bar on a terminal, a plain line now and then
-    elsewhere."""
-
-    def __init__(self, total: int) -> None:
-        self._console = Console(stderr=True)
-        self._bar = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=self._console,
-            transient=True,
-            disable=not self._console.is_terminal,
-        )
-        self._task = self._bar.add_task("cases", total=total)
-        self._total, self._done, self._said = total, 0, time.monotonic()
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._bar.stop()
-
-    def tell(self, name: str, mark: Mark) -> None:
-        self._done += 1
-        self._bar.update(self._task, advance=1, description=name)
-        if not self._console.is_terminal and time.monotonic() - self._said > _PLAIN_EVERY_S:
-            self._said = time.monotonic()
-            self._console.print(f"{name}: {self._done} of {self._total}", highlight=False)

@@ -38,13 +38,16 @@ class _Refused(PliantError):
     """The error that a calibration is too poor to be used."""
 
 
+Pixel = Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="COLUMN ROW")]
+
+
 def calibrate(
     what: Annotated[What, tyro.conf.Positional] = "all",
     *,
     cell: str = "sim",
     peg: str = "circle",
-    peg_at: tuple[int, int] | None = None,
-    block_at: tuple[int, int] | None = None,
+    peg_at: Pixel = None,
+    block_at: Pixel = None,
     condition: str = "none",
     seed: int = 1,
     write: bool = True,
@@ -261,8 +264,9 @@ class _Session:
 
     def _keep(self, name: str, image: Image) -> None:
         path = self._out / name
+        before = ", in the place of the one before" if path.exists() else ""
         files.write_bytes(path, pictures.encoded(image))
-        self._say(f"  look at {path}")
+        self._say(f"  look at {path}{before}")
 
     def _say(self, text: str) -> None:
         self._console.print(Text(text))

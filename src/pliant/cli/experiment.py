@@ -17,7 +17,7 @@ from pliant.cli.ranges import Ranges
 from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
-from pliant.experiment import plan, price, runner
+from pliant.experiment import growth, plan, price, runner
 from pliant.experiment.cells import Experiment
 from pliant.experiment.measures import is_undecided
 from pliant.experiment.progress import Shown
@@ -50,7 +50,8 @@ def experiment(
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
     model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
 ) -> int:
-    """Run an experiment, or go on with one that was interrupted: the same command does both.
+    """Run an experiment, or go on with one: the same command goes on where it was interrupted, and
+    one with more trials, pegs, conditions or reasoners adds them to the same folder.
 
     Args:
         file: an experiment file (YAML) with the same fields; options given here replace its own.
@@ -127,10 +128,19 @@ def experiment(
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
         return 1
-    document = made_of(out)
+    larger = growth.planned(runner.held(out)) > len(planned)
+    part = {spec.trial_id for spec in planned.specs()} if larger else None
+    document = made_of(out, part)
     text = markdown(document)
     console.print(text, highlight=False, soft_wrap=True)
     console.print(f"results: {shown(out)}", highlight=False)
+    if larger:
+        console.print(
+            f"the folder holds more than these {len(planned)} trials: pliant tables {shown(out)}"
+            " shows all",
+            highlight=False,
+            soft_wrap=True,
+        )
     undecided = [cell for cell in document["cells"] if is_undecided(cell["own"])]
     names = dict.fromkeys(cell["reasoner"] for cell in undecided)
     if names:

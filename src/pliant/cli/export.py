@@ -5,6 +5,7 @@ from typing import Annotated
 
 import tyro
 
+from pliant.cli.steps import Steps
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.paths import located, shown
@@ -61,16 +62,26 @@ def export(
         recorded = recording.write(source, rerun_out, fps=fps)
         console.print(f"rerun: {shown(rerun_out)}: {recorded}")
     if failure_qa_out is not None:
-        asked = failure_qa.write(source, failure_qa_out)
+        with Steps("failure QA") as steps:
+            asked = failure_qa.write(source, failure_qa_out, progress=steps.tell)
         console.print(f"failure QA: {shown(failure_qa_out)}: {_in_words(asked)} questions")
     if chat_out is not None:
         needs_extra("--chat, which writes a model's prompts,")
         from pliant.export import chat
 
-        told = chat.write(source, chat_out)
+        with Steps("chat") as steps:
+            told = chat.write(source, chat_out, progress=steps.tell)
         console.print(f"chat: {shown(chat_out)}: {_in_words(told)} conversations")
     if lerobot_out is not None:
-        made_of = lerobot.write(source, lerobot_out, fps=fps, cameras=cameras, workers=workers)
+        with Steps("LeRobot") as steps:
+            made_of = lerobot.write(
+                source,
+                lerobot_out,
+                fps=fps,
+                cameras=cameras,
+                workers=workers,
+                progress=steps.tell,
+            )
         console.print(f"LeRobot: {shown(lerobot_out)}: {_in_words(made_of)} episodes")
     return 0
 

@@ -15,6 +15,21 @@ from pliant.reasoners import refuse_silent
 from pliant.reasoners.vlm.settings import PRESETS, Settings
 
 _PRESET = "--preset"
+GROUPS = {
+    "the model behind the reasoner vlm": (
+        *("model", "base-url", "preset", "temperature", "effort", "detail", "output"),
+        *("record", "replay", "fallback-from-start"),
+    ),
+    "what the model decides, and is told": (
+        *("judge", "recover", "plan", "one-call", "skip-agreed", "history", "picture"),
+        *("goal-picture", "pose-check", "table-i", "measurements", "belief"),
+    ),
+    "what the model may do, and spend": (
+        *("step-limit-mm", "clamp-mm", "fallback", "deadline-s", "reply-tokens", "max-requests"),
+        *("max-tokens", "max-usd", "usd-per-million"),
+    ),
+}
+"""Options in groups on a page of help."""
 UNDECIDED = 3
 """Exit status: a model was asked, and decided nothing."""
 _DEFAULT = Settings()
@@ -25,16 +40,14 @@ class ModelOptions:
     """The model behind the reasoner `vlm`, and where its conversations are kept."""
 
     preset: Literal["paper"] | None = None
-    """paper: the paper's own setting, which judges and plans by the model alone, with absolute
-    goals. Options given beside it win."""
+    """The paper's own setting: it alone, absolute goals; options beside it win."""
     vlm: Annotated[Settings, tyro.conf.arg(name=""), tyro.conf.EnumChoicesFromValues] = _DEFAULT
     record: Path | None = None
-    """Keep every request and reply here: a file, or for many trials a folder."""
+    """Keep all requests and replies: a file, for many trials a folder."""
     replay: Path | None = None
     """Answer from a recording, without a network."""
     fallback_from_start: bool = False
-    """Go on although the model's very first request, sent before anything moves, is refused: then
-    the rules decide."""
+    """Where the model refuses its first request, let the rules decide."""
 
     @property
     def given(self) -> dict[str, Any]:

@@ -1,17 +1,19 @@
 """Options that set the range of a drawn quantity, in the units of the command line."""
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
+
+import tyro
 
 from pliant.conditions import condition
 from pliant.levels import FIELDS
 
-Range = tuple[float, float] | None
+Range = Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="MIN MAX")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ranges:
-    """Ranges in place of the condition's own: low and high of a uniform draw."""
+    """Drawn in place of the condition's own ranges, each evenly from MIN to MAX."""
 
     friction: Range = None
     """Factor on the hole's friction."""
@@ -28,7 +30,7 @@ class Ranges:
     grasp_pitch_deg: Range = None
     """The peg's angle in the grasp about y."""
     looks: Range = None
-    """Above 0.5: colours, textures, light, noise and camera places are random."""
+    """Above 0.5: colours, textures, light, noise and cameras are random."""
     occluder: Range = None
     """Above 0.5: a post before the side and the front camera."""
     stale: Range = None

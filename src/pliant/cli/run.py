@@ -24,6 +24,7 @@ from pliant.cli.attended import attended
 from pliant.cli.cells import where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
+from pliant.cli.steps import Steps
 from pliant.console import Lasting, say
 from pliant.errors import InputError, PliantError, described
 from pliant.experiment import faults, journal, plan, results, runner
@@ -72,21 +73,19 @@ def run(
         peg: circle, square, rectangle, or the path of a peg file (.yaml).
         condition: none, friction, pose or all: what is drawn at random.
         seed: decides every drawn quantity.
-        reasoner: rules, messages, sweep, retry, none, oracle, vlm, or your own as
-            path/to/file.py:Class.
-        level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
-            paper's grid.
-        method: planar (the paper's), guided, also without some of its mechanisms (guided-ease), or
-            your own (path/to/file.py:Class); default the level's.
+        reasoner: rules, messages, sweep, retry, none, oracle, vlm, or your own (file.py:Class).
+        level: L0 (the paper's grid) to L8, or a scenario such as wrong_peg.
+        method: planar (the paper's), guided, guided-ease (ease left out), or your own
+            (file.py:Class); default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
-        cell: sim, the path of a cell's file (.yaml), or your own as path/to/file.py:Class. At a
-            real cell you are told what to place, and asked how it went.
+        cell: sim, a cell's file (.yaml), or your own (file.py:Class). At a real cell you are told
+            what to place, and asked how it went.
         out: the result folder; default runs/ and the trial's name.
-        video: also draw the whole trial as an MP4, afterwards; simulated cell only.
-        json: print one line of JSON with the columns of trials.parquet, and nothing else.
-        live: watch in MuJoCo's viewer, in real time; needs a screen, and the simulated cell.
+        video: then draw the trial as an MP4; simulated cell only.
+        json: print one line of JSON, the columns of trials.parquet, and no more.
+        live: watch in MuJoCo's viewer; needs a screen, and the simulated cell.
         dry_run: only print every motion that the trial could command.
-        air: only run the nominal plan above the board, to see that the way is free.
+        air: only run the nominal plan above the board: is the way free?
         ranges: ranges in place of the condition's own.
         model: the model behind the reasoner vlm.
     """
@@ -128,9 +127,8 @@ def run(
         trial = _attended(experiment, spec, folder, teller, model)
     page = store.trial_folder(folder, trial.trial_id)
     video = video and trajectory is not None
-    if not json and video:
-        teller.say("drawing the video ...")
-    report.write(page, trial, teaching, trajectory=trajectory, video=video)
+    with Steps("drawing the video") as steps:
+        report.write(page, trial, teaching, trajectory=trajectory, video=video, progress=steps.tell)
     teller.end(trial, page / report.PAGE)
     if json:
         say(json_format.dumps(rows_of(trial).trial))

@@ -2,17 +2,23 @@
 
 import os
 import tempfile
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from threading import Event, Thread
 from typing import Annotated
 
 import tyro
 from rich.text import Text
 
 from pliant import folders, store, teaching
+from pliant.cli.steps import Steps
 from pliant.console import Console, say
 from pliant.errors import InputError
+from pliant.experiment import journal, results
 from pliant.paths import located
+from pliant.report.serve import REFRESH_S
 
 
 def view(
@@ -33,7 +39,8 @@ def view(
         goals: the taught goals file that the trials used, if it was not the shipped one.
         out: put a copy of the results with its pages into this new folder, and leave the results as
             they are; default, where they cannot be written, a temporary folder.
-        serve: then serve the folder, and nothing else, to browsers on this machine; Ctrl-C ends it.
+        serve: then serve the folder, and nothing else, to browsers on this machine, and go on with
+            the pages while the experiment runs; Ctrl-C ends it.
         port: of --serve; 0 takes a free one.
     """
     from pliant.report.serve import Server
@@ -50,13 +57,8 @@ def view(
     folder = _place(folder, out, console)
     if serve:
         server = Server(folder, port)  # a port that is taken is said at once
-    with console.status("reading the results") as status:
-        viewed = make(
-            folder,
-            teachings,
-            film=video,
-            progress=lambda done, of: status.update(f"trial {done + 1} of {of}"),
-        )
+    with Steps("pages") as steps:
+        viewed = make(folder, teachings, film=video, progress=steps.tell)
     for problem in viewed.problems:
         console.print(Text(f"no page: {problem}"))
     if viewed.without_goals:
@@ -69,10 +71,38 @@ def view(
     console.print(Text(f"{viewed.made} pages of trials made, {viewed.kept} up to date"))
     say(str(viewed.page))
     if server is not None:
-        with suppress(KeyboardInterrupt):
-            console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
+        console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
+        with suppress(KeyboardInterrupt), _followed(folder, partial(make, folder, teachings)):
             server.run()
     return 1 if viewed.problems else 0
+
+
+@contextmanager
+def _followed(folder: Path, make: Callable[[], object]) -> Iterator[None]:
+    """Make the pages again, beside what is done inside, whenever trials have been added."""
+    over = Event()
+
+    def follow() -> None:
+        seen = _state(folder)
+        while not over.wait(REFRESH_S / 2):
+            if (state := _state(folder)) != seen:
+                seen = state
+                with suppress(InputError):  # it may be in the middle of being written
+                    make()
+
+    thread = Thread(target=follow, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def _state(folder: Path) -> list[int]:
+    """How large what the trials are written to is."""
+    files = (folder / journal.FILE, folder / results.TRIALS_FILE)
+    return [file.stat().st_size if file.exists() else 0 for file in files]
 
 
 def _place(folder: Path, out: Path | None, console: Console) -> Path:

@@ -10,6 +10,7 @@ from pliant.console import complain, say
 from pliant.emulator.emulator import Options, serve
 from pliant.errors import PliantError
 from pliant.text import replace_unshowable
+from pliant.usage import HELP, Usage, page, taken
 
 _PROGRAM = "python -m pliant.emulator"
 
@@ -19,8 +20,14 @@ def main() -> None:
     interrupted before it was ready."""
     flags = (tyro.conf.EnumChoicesFromValues, tyro.conf.FlagCreatePairsOff)
     replace_unshowable(sys.stdout, sys.stderr)
-    options = tyro.cli(Options, prog=_PROGRAM, config=flags)
+    words = sys.argv[1:]
+    if any(word in HELP for word in words):
+        say(page(_PROGRAM, Options, Usage()))
+        return
     try:
+        options = taken(
+            words, Options, lambda: tyro.cli(Options, prog=_PROGRAM, config=flags), _PROGRAM
+        )
         if not options.is_loopback():
             complain(
                 f"warning: {options.host} can be reached from other machines, and nothing here asks"

@@ -1,7 +1,6 @@
 """The definition of an experiment: cells (peg, condition, reasoner), seeds, and their
 fingerprint."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -11,7 +10,7 @@ from typing import Any
 from pliant import teaching
 from pliant.conditions import Condition
 from pliant.errors import InputError
-from pliant.experiment import decides
+from pliant.experiment import decides, growth
 from pliant.experiment.one import Spec
 from pliant.experiment.where import Where
 from pliant.own import short_name
@@ -150,7 +149,7 @@ class Experiment:
     @property
     def fingerprint(self) -> str:
         """Content hash of `document`: an output folder belongs to one fingerprint."""
-        return decides.digest(json.dumps(self.document, sort_keys=True).encode())
+        return str(growth.fingerprinted(self.document)["fingerprint"])
 
 
 def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:

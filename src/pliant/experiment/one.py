@@ -98,8 +98,12 @@ class Spec:
 
     @property
     def trial_id(self) -> str:
-        names = (*self.names, self.seed)
-        return "-".join(_file_name(str(n)) for n in names)
+        return trial_id(self.names, self.seed)
+
+
+def trial_id(names: tuple[str, str, str, str], seed: int) -> str:
+    """The name of a trial, which can be a folder's: (level, peg, condition, reasoner), and seed."""
+    return "-".join(_file_name(str(n)) for n in (*names, seed))
 
 
 def run(

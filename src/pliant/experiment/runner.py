@@ -18,12 +18,13 @@ from typing import Any
 
 from pliant import store
 from pliant.errors import InputError
-from pliant.experiment import faults, journal, measures, results
-from pliant.experiment.cells import Experiment, differences
+from pliant.experiment import faults, growth, journal, measures, one, results
+from pliant.experiment.cells import Experiment
 from pliant.experiment.engine import Ended, Engine, Local, Work
 from pliant.experiment.progress import Silent, Watcher
 from pliant.experiment.rows import Rows, decided, lost
 from pliant.experiment.work import Job, Save, perform_job
+from pliant.files import write_bytes
 from pliant.paths import located
 from pliant.reasoners import refuse_silent
 
@@ -97,12 +98,14 @@ def run(
     record, replay = (None if path is None else located(path) for path in (record, replay))
     goals = None if experiment.goals is None else str(located(experiment.goals))
     expected = experiment.expected  # as planned: a file may be changed while it runs
-    prepare(experiment, folder)
+    prepare(experiment, folder, grows=True)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
-        place, faulted = _Places(experiment), dict[str, str]()
+        place, faulted = _Places(experiment, held(folder)), dict[str, str]()
         for entry in journal.scan(path):
             cell = place.put(entry.trial_id, entry.offset, path)
+            if cell is None:
+                continue
             if entry.fault:
                 faulted[entry.trial_id] = entry.fault
             if not (entry.fault and again):
@@ -130,11 +133,11 @@ def run(
                 replay=replay,
                 expected=expected.get((spec.reasoner, spec.method)),
             )
-            for spec, offset in zip(experiment.specs(), place.offsets, strict=True)
-            if offset < 0
+            for spec in experiment.specs()
+            if not place.has(spec.trial_id)
         )
         if replay is None and not fallback_from_start:
-            missing = (s for s, at in zip(experiment.specs(), place.offsets, strict=True) if at < 0)
+            missing = (spec for spec in experiment.specs() if not place.has(spec.trial_id))
             for settings in dict.fromkeys(spec.vlm for spec in missing if spec.vlm is not None):
                 refuse_silent(settings, seen.say)
         silent = _Silent(experiment, seen.say)
@@ -155,6 +158,7 @@ def run(
                         else:
                             offset = book.append(rows)
                         cell = place.put(name, offset, path)
+                        assert cell is not None, "only what is asked for is performed"
                         seen.finished(cell, rows.trial["inserted"], fault)
                         silent.tell(cell, rows)
                         if first.are_all(fault):
@@ -166,7 +170,7 @@ def run(
         if repeated:  # the lines behind theirs have moved
             place.find_again(path)
         if place.done == len(experiment):
-            results.write(folder, path, place.offsets)
+            results.write(folder, path, place.finished)
     if first.stopped:
         raise InputError(
             f"stopped: the first {first.n} trials were all the same fault: {first.stopped}; mend"
@@ -248,52 +252,72 @@ def _tried(engine: Engine, jobs: Iterator[Job]) -> Iterator[Job]:
     return chain([first], jobs)
 
 
-def prepare(experiment: Experiment, folder: Path) -> None:
-    """Make the output folder, with run.json; or see that it belongs to this experiment.
+def prepare(experiment: Experiment, folder: Path, *, grows: bool = False) -> None:
+    """Make the output folder, with run.json; or see that it belongs to this experiment, or, where
+    it `grows`, that this one adds to what it holds: then run.json says so from here on.
 
     Raises:
         InputError: it holds something else, or results of another configuration, or another run
             is writing to it.
     """
     store.prepare_folder(folder)
-    document = json.loads(
-        json.dumps({**experiment.document, "fingerprint": experiment.fingerprint})
-    )
+    document = growth.fingerprinted(experiment.document)
     run_file = folder / store.RUN
     if not run_file.exists():
         with journal.Journal(folder / journal.FILE):  # of several that start together, one
             if not run_file.exists():
-                store.write_run_json(
-                    folder,
-                    configuration=document,
-                    reasoner=", ".join(dict.fromkeys(c.names[-1] for c in experiment.cells)),
-                    model=", ".join(dict.fromkeys(experiment.models)) or None,
-                )
-    before = _configuration(run_file)
-    if before.get("fingerprint") != document["fingerprint"]:
-        changed = [f for f in differences(before, document) if f != "fingerprint"]
+                store.write_run_json(folder, configuration=document, **_minds(experiment))
+    before = held(folder)
+    if before.get("fingerprint") == document["fingerprint"]:
+        return
+    after = growth.grown(before, document, folder)
+    if after is before:
+        return
+    if not grows:
         raise InputError(
-            f"output folder '{folder}' holds results of another configuration"
-            f" ({', '.join(changed)} differ): choose another folder, or remove it"
+            f"output folder '{folder}' holds another trial: choose another folder, or remove it"
         )
+    with journal.Journal(folder / journal.FILE):
+        run = json.loads(run_file.read_bytes())
+        after = growth.grown(held(folder), document, folder)
+        for name, value in _minds(experiment).items():
+            named = [n for text in (run.get(name), value) if text for n in text.split(", ")]
+            run[name] = ", ".join(dict.fromkeys(named)) or None
+        run["configuration"] = after
+        write_bytes(run_file, (json.dumps(run, indent=2) + "\n").encode())
+        for name in (results.TRIALS_FILE, results.EXECUTIONS_FILE):  # written again in the end
+            (folder / name).unlink(missing_ok=True)
+
+
+def _minds(experiment: Experiment) -> dict[str, Any]:
+    reasoners = dict.fromkeys(c.names[-1] for c in experiment.cells)
+    models = ", ".join(dict.fromkeys(experiment.models))
+    return {"reasoner": ", ".join(reasoners), "model": models or None}
 
 
 def may_hold(experiment: Experiment, folder: Path) -> bool:
     """Whether a folder holds nothing yet, or results of this very experiment."""
-    run_file = folder / store.RUN
-    if not run_file.exists():
+    if not (folder / store.RUN).exists():
         return store.is_unused(folder)
-    return bool(_configuration(run_file).get("fingerprint") == experiment.fingerprint)
+    return bool(held(folder).get("fingerprint") == experiment.fingerprint)
 
 
-def _configuration(run_file: Path) -> dict[str, Any]:
+def held(folder: Path) -> growth.Document:
+    """The document of what a result folder holds, of all calls that added to it.
+
+    Raises:
+        InputError: run.json is broken, or of no experiment.
+    """
+    run_file = folder / store.RUN
     try:
         configuration = json.loads(run_file.read_bytes())["configuration"]
+        for cell in configuration["cells"]:
+            growth.seeds(configuration, cell), growth.names(cell)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"'{run_file}' is broken ({error}): choose another folder, or remove this one"
         ) from error
-    return configuration if isinstance(configuration, dict) else {}
+    return configuration
 
 
 def _engine(
@@ -339,40 +363,61 @@ def _rows(over: Ended, tries: int, cell: str) -> Rows:
 
 
 class _Places:
-    """The places of the trials' lines in the journal, in canonical order; -1: not finished. It
-    holds eight bytes a trial."""
+    """The places of the trials' lines in the journal, in canonical order, by cell and seed, of all
+    that the folder holds; -1: not finished. It takes eight bytes a trial."""
 
-    def __init__(self, experiment: Experiment) -> None:
-        self._experiment = experiment
-        self._cells = {
+    def __init__(self, experiment: Experiment, document: growth.Document) -> None:
+        self._cells: dict[str, tuple[int, range]] = {}  # where each one's trials begin; its seeds
+        total = 0
+        for cell in document["cells"]:
+            seeds = growth.seeds(document, cell)
+            self._cells[one.trial_id(growth.names(cell), 0).rpartition("-")[0]] = total, seeds
+            total += len(seeds)
+        self.offsets = array("q", [-1]) * total
+        self._asked = {
             cell.spec(0).trial_id.rpartition("-")[0]: i for i, cell in enumerate(experiment.cells)
         }
-        self.offsets = array("q", [-1]) * len(experiment)
+        self._seeds = range(experiment.first_seed, experiment.first_seed + experiment.trials)
+        self._wanted = len(experiment)
         self.done = 0
+        """Finished trials of those that are asked for."""
 
     @property
     def missing(self) -> int:
-        return len(self.offsets) - self.done
+        return self._wanted - self.done
 
-    def put(self, trial_id: str, offset: int, path: Path) -> int:
-        """Note the place of a trial's line; return the trial's cell.
+    @property
+    def finished(self) -> list[int]:
+        """The places of all finished trials' lines."""
+        return [offset for offset in self.offsets if offset >= 0]
+
+    def has(self, name: str) -> bool:
+        """Whether a trial of the experiment is finished."""
+        prefix, _, seed = name.rpartition("-")
+        base, seeds = self._cells[prefix]
+        return self.offsets[base + seeds.index(int(seed))] >= 0
+
+    def put(self, name: str, offset: int, path: Path) -> int | None:
+        """Note the place of a trial's line; return the trial's cell, None where this call does not
+        ask for the trial.
 
         Raises:
-            InputError: the trial is not of this experiment, or was there before.
+            InputError: the trial is not of what the folder holds, or was there before.
         """
-        cell, index = self._index(trial_id, path)
+        cell, index = self._index(name, path)
         if self.offsets[index] >= 0:
             raise InputError(
-                f"journal '{path}' holds trial '{trial_id}' twice: delete one of its lines"
+                f"journal '{path}' holds trial '{name}' twice: delete one of its lines"
             )
         self.offsets[index] = offset
-        self.done += 1
+        self.done += cell is not None
         return cell
 
-    def forget(self, trial_id: str, path: Path) -> None:
+    def forget(self, name: str, path: Path) -> None:
         """Take a trial as not finished, so that it is performed again."""
-        self.offsets[self._index(trial_id, path)[1]] = -1
-        self.done -= 1
+        cell, index = self._index(name, path)
+        self.offsets[index] = -1
+        self.done -= cell is not None
 
     def find_again(self, path: Path) -> None:
         """Find the places of the finished trials' lines in the journal again."""
@@ -381,14 +426,15 @@ class _Places:
             if self.offsets[index] >= 0:
                 self.offsets[index] = entry.offset
 
-    def _index(self, trial_id: str, path: Path) -> tuple[int, int]:
-        """A trial's cell, and its place in canonical order."""
-        prefix, _, seed = trial_id.rpartition("-")
-        cell = self._cells.get(prefix)
-        nth = int(seed) - self._experiment.first_seed if seed.isdecimal() else -1
-        if cell is None or not 0 <= nth < self._experiment.trials:
+    def _index(self, name: str, path: Path) -> tuple[int | None, int]:
+        """A trial's cell, where it is asked for, and its place in canonical order."""
+        prefix, _, seed = name.rpartition("-")
+        base, seeds = self._cells.get(prefix, (0, range(0)))
+        number = int(seed) if seed.isdecimal() else -1
+        if number not in seeds:
             raise InputError(
-                f"journal '{path}' holds trial '{trial_id}', which is not of this experiment:"
-                " choose another folder"
+                f"journal '{path}' holds trial '{name}', which is not of this experiment: choose"
+                " another folder"
             )
-        return cell, cell * self._experiment.trials + nth
+        cell = self._asked.get(prefix) if number in self._seeds else None
+        return cell, base + seeds.index(number)

@@ -5,7 +5,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -45,8 +45,9 @@ def keep(folder: Path, document: Document) -> None:
     files.write_bytes(folder / MARKDOWN_FILE, markdown(document).encode())
 
 
-def build(folder: Path) -> Document:
-    """All tables of a finished run, as JSON values; percentages from 0 to 100.
+def build(folder: Path, part: Container[str] | None = None) -> Document:
+    """All tables of a finished run, as JSON values; percentages from 0 to 100. With a `part`, of
+    these trials only, by their trial_id.
 
     Raises:
         InputError: the Parquet files are missing or broken.
@@ -54,6 +55,8 @@ def build(folder: Path) -> Document:
     cells: dict[_Key, _Cell] = {}
     owner: dict[str, _Cell] = {}
     for trial in results.read_trials(folder).drop_columns(["wall_s"]).to_pylist():
+        if part is not None and trial["trial_id"] not in part:
+            continue
         key = (trial["level"], trial["peg"], trial["condition"], trial["reasoner"])
         cell = cells.setdefault(key, _Cell(key=key))
         if faults.is_fault(trial):

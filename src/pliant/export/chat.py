@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_ai.messages import BinaryContent, UserContent
 
+from pliant.console import Told, untold
 from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.export.labels import KINDS, Label, case_of, causes, correction, labels
@@ -64,9 +65,12 @@ class Conversation:
     reply: BaseModel
 
 
-def write(source: Source, out: Path, settings: Settings | None = None) -> dict[str, int]:
+def write(
+    source: Source, out: Path, settings: Settings | None = None, *, progress: Told = untold
+) -> dict[str, int]:
     """Write train.jsonl, test.jsonl and their pictures; return how many conversations each has.
-    `settings` choose what the model is told, as when it is asked.
+    `settings` choose what the model is told, as when it is asked; `progress` is told how many of
+    how many trials are done.
 
     Raises:
         InputError: `out` holds something, a trial's record is broken, or no truth is known.
@@ -75,8 +79,9 @@ def write(source: Source, out: Path, settings: Settings | None = None) -> dict[s
         (folder / PICTURES).mkdir()
         with ExitStack() as stack:
             writer = _Writer(folder, stack, settings or Settings())
-            for saved in source.saved:
+            for n, saved in enumerate(source.saved, start=1):
                 writer.add(saved)
+                progress(n, len(source.saved))
         found = writer.conversations()
         if not any(found.values()):
             raise InputError(

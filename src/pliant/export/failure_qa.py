@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 
+from pliant.console import Told, untold
 from pliant.errors import InputError
 from pliant.export.output import (
     CARD,
@@ -25,8 +26,9 @@ from pliant.store import PICTURES, Pictures, load_trial
 _CAMERA = "side"
 
 
-def write(source: Source, out: Path) -> dict[str, int]:
+def write(source: Source, out: Path, *, progress: Told = untold) -> dict[str, int]:
     """Write train.jsonl, test.jsonl and their pictures; return how many questions each has.
+    `progress` is told how many of how many trials are done.
 
     Raises:
         InputError: `out` holds something, a trial's record is broken, or no truth is known.
@@ -35,8 +37,9 @@ def write(source: Source, out: Path) -> dict[str, int]:
         (folder / PICTURES).mkdir()
         with ExitStack() as stack:
             writer = _Writer(folder, stack)
-            for saved in source.saved:
+            for n, saved in enumerate(source.saved, start=1):
                 writer.add(saved)
+                progress(n, len(source.saved))
         found = writer.questions()
         if not any(found.values()):
             raise InputError(

@@ -37,6 +37,7 @@ def encoded(pictures: Iterable[Picture], fps: int) -> bytes:
         stream.width, stream.height = c.IMAGE_SIZE
         stream.pix_fmt = PIXELS
         stream.codec_context.colorspace = Colorspace.ITU601  # as the pictures are converted
+        stream.codec_context.thread_count = 1  # a film a core: more threads wait for each other
         stream.options = {
             "preset": "veryfast",
             "crf": str(QUALITY),

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pliant import signals
+from pliant.console import Told, untold
 from pliant.errors import InputError, unknown
 from pliant.experiment.columns import EXECUTIONS, TRIALS, schema
 from pliant.experiment.rows import Row
@@ -64,10 +65,12 @@ def write(
     fps: int = 10,
     cameras: Sequence[str] = ("side",),
     workers: int | None = None,
+    progress: Told = untold,
 ) -> dict[str, int]:
     """Write the data set; return how many episodes each split has.
 
-    `fps` [Hz] is the rate of the frames; `workers` None: every core.
+    `fps` [Hz] is the rate of the frames; `workers` None: every core. `progress` is told how many
+    of how many episodes are written.
 
     Raises:
         InputError: an option is not valid, `out` holds something, a trial's record is broken or
@@ -86,8 +89,9 @@ def write(
     with filling(out) as folder:
         with ExitStack() as stack:
             writer = _Writer(folder, fps, tuple(cameras), stack)
-            for made in _made(jobs, workers or os.cpu_count() or 1):
+            for n, made in enumerate(_made(jobs, workers or os.cpu_count() or 1), start=1):
                 writer.add(made)
+                progress(n, len(jobs))
         writer.finish(counts(chosen))
         text = card.text(source, chosen, writer.tally, fps=fps, subtasks=SUBTASKS)
         (folder / CARD).write_text(text, encoding="utf-8")

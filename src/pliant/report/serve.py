@@ -11,6 +11,8 @@ from typing import BinaryIO
 from urllib.parse import unquote, urlsplit
 
 from pliant.errors import InputError
+from pliant.experiment.results import TRIALS_FILE
+from pliant.store import JOURNAL
 
 HOST = "127.0.0.1"
 _TYPES = {
@@ -26,6 +28,8 @@ _TYPES = {
     ".mp4": "video/mp4",
 }
 _INDEX = "index.html"
+REFRESH_S = 5
+"""How often a browser asks again for the page of an experiment that still runs."""
 _CHUNK = 1 << 16  # [bytes]
 _PATIENCE_S = 30.0  # for a browser that has stopped talking
 
@@ -169,11 +173,18 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-cache")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        if path == self.root / _INDEX and is_unfinished(self.root):
+            self.send_header("Refresh", str(REFRESH_S))
         if not whole:
             self.send_header("Content-Range", f"bytes {part.first}-{part.end - 1}/{size}")
         self.end_headers()
         if with_body:
             _copy(file, self.wfile, part)
+
+
+def is_unfinished(folder: Path) -> bool:
+    """Whether trials of an experiment in the folder are still to come."""
+    return (folder / JOURNAL).is_file() and not (folder / TRIALS_FILE).is_file()
 
 
 def _part(asked: str | None, size: int) -> _Part | None:

@@ -9,14 +9,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pliant.errors import InputError
-from pliant.experiment import journal, results, tables
+from pliant.experiment import growth, journal, results, tables
 from pliant.experiment.measures import Row
 from pliant.records import SCHEMA
 from pliant.store import RUN
 
 Document = Mapping[str, Any]
-Names = tuple[str, str, str, str]
-"""A cell's (level, peg, condition, reasoner)."""
+Names = growth.Names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +31,12 @@ class Summary:
     def cells(self) -> Mapping[Names, Document]:
         """The experiment's cells by their names, as they are configured."""
         cells = self.run["configuration"].get("cells", [])
-        return {_names(cell): cell for cell in cells}
+        return {growth.names(cell): cell for cell in cells}
 
     @property
     def planned(self) -> int:
         """The number of trials that the experiment has when it is finished."""
-        return int(self.run["configuration"].get("trials", 0)) * len(self.cells)
+        return growth.planned(self.run["configuration"])
 
 
 def read(folder: Path) -> Summary:
@@ -54,7 +53,7 @@ def read(folder: Path) -> Summary:
     if not offsets:
         raise InputError(f"'{folder}' holds no finished trial yet: look again when one has ended")
     rows = list(journal.rows_at(path, iter(offsets)))
-    places = {names: n for n, names in enumerate(map(_names, run["configuration"]["cells"]))}
+    places = {names: n for n, names in enumerate(map(growth.names, run["configuration"]["cells"]))}
     rows.sort(key=lambda r: (places.get(_names_of(r.trial), len(places)), r.trial["seed"]))
     with TemporaryDirectory() as derived:
         results.write_rows(Path(derived), rows)
@@ -77,7 +76,7 @@ def _run(folder: Path) -> Document:
             )
         cells = run["configuration"]["cells"]
         for cell in cells:
-            _names(cell)
+            growth.names(cell)
     except OSError as error:
         raise InputError(
             f"'{path}' cannot be read: {error.strerror}; name the result folder of `pliant"
@@ -89,11 +88,6 @@ def _run(folder: Path) -> Document:
             " `pliant run`"
         ) from error
     return run
-
-
-def _names(cell: Document) -> Names:
-    peg, condition = cell["task"]["peg"]["name"], cell["condition"]["name"]
-    return cell["level"], peg, condition, cell["reasoner"]
 
 
 def _names_of(trial: Row) -> Names:

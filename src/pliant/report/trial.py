@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from pliant import folders, pictures
+from pliant.console import Told, untold
 from pliant.errors import InputError
 from pliant.files import write_bytes
 from pliant.formations import Formation
@@ -40,9 +41,10 @@ def write(
     *,
     trajectory: Trajectory | None = None,
     video: bool = False,
+    progress: Told = untold,
 ) -> None:
     """Write a trial's record, pictures, strip and page; its trajectory and video where it has them.
-    What another trial left in the folder goes.
+    What another trial left in the folder goes. `progress` is told of the video's frames.
 
     Raises:
         InputError: the folder cannot be written, or a video was asked for and cannot be made.
@@ -58,7 +60,7 @@ def write(
         replay.save(folder, trajectory)
     if trial.executions:
         write_bytes(folder / STRIP, pictures.encoded(strip.draw(trial.executions)))
-    show(folder, trial, teaching, film=video)
+    show(folder, trial, teaching, film=video, progress=progress)
 
 
 def show(
@@ -68,6 +70,7 @@ def show(
     *,
     film: bool = False,
     home: str | None = None,
+    progress: Told = untold,
 ) -> None:
     """Make the page of a trial that is stored in `folder`, with its overlays; with `film` its video
     too, unless it is there. `teaching` None: the goal pictures are not known. `home` is the way to
@@ -76,7 +79,7 @@ def show(
     Raises:
         InputError: the folder cannot be written, or the video cannot be made.
     """
-    spans = _film(folder, trial, film)
+    spans = _film(folder, trial, film, progress)
     shared = _shared(folder)
     write_library(folder / shared)
     goals = _goal_overlays(folder, shared, teaching) if teaching is not None else {}
@@ -150,7 +153,7 @@ def _shared(folder: Path) -> str:
     return ASSETS if run_of(folder) is None else f"../../{ASSETS}"
 
 
-def _film(folder: Path, trial: Trial, film: bool) -> list[video.Span] | None:
+def _film(folder: Path, trial: Trial, film: bool, progress: Told) -> list[video.Span] | None:
     """Each execution's place in the video, drawn if it is wanted and missing; None: no video."""
     path = folder / VIDEO
     if not path.is_file() and not film:
@@ -159,7 +162,7 @@ def _film(folder: Path, trial: Trial, film: bool) -> list[video.Span] | None:
         return None
     trajectory = replay.load(folder)
     if not path.is_file():
-        video.write(path, trial, trajectory)
+        video.write(path, trial, trajectory, progress)
     return video.spans(video.storyboard(trial, trajectory))
 
 

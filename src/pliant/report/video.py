@@ -13,6 +13,7 @@ from av.video.reformatter import Colorspace
 from numpy.typing import NDArray
 
 from pliant import folders
+from pliant.console import Told, untold
 from pliant.errors import InputError
 from pliant.pose import describe
 from pliant.records import Execution, Trial
@@ -61,8 +62,13 @@ class Span:
     ends: float
 
 
-def write(path: Path, trial: Trial, trajectory: Trajectory) -> None:
-    """Write a trial's video.
+def write(
+    path: Path,
+    trial: Trial,
+    trajectory: Trajectory,
+    progress: Told = untold,
+) -> None:
+    """Write a trial's video. `progress` is told how many of how many frames are drawn.
 
     Raises:
         InputError: the trajectory is another task's, or there is no OpenGL, or the file cannot be
@@ -72,7 +78,7 @@ def write(path: Path, trial: Trial, trajectory: Trajectory) -> None:
     replay = Replay(trial.task, trajectory)
     try:
         with folders.whole(path) as partial:
-            _encode(partial, _frames(replay, trial, shots))
+            _encode(partial, _frames(replay, trial, shots, progress))
     except OSError as error:
         raise InputError(f"the video '{path}' cannot be written: {error.strerror}") from error
     finally:
@@ -119,10 +125,13 @@ def _judged_at(execution: Execution) -> float:
     return execution.outcome.looks[-1].observation.time_s
 
 
-def _frames(replay: Replay, trial: Trial, shots: Sequence[Shot]) -> Iterator[Picture]:
+def _frames(
+    replay: Replay, trial: Trial, shots: Sequence[Shot], progress: Told
+) -> Iterator[Picture]:
     every = _thinning(replay.trajectory.qpos)
     views = {name: _Drawn(replay, name) for name in _CAMERAS}
-    for shot in shots:
+    for n, shot in enumerate(shots, start=1):
+        progress(n, len(shots))
         pictures = np.hstack([views[name].at(shot.sample, every) for name in _CAMERAS])
         caption = _caption(pictures.shape[1], replay, trial, shot)
         yield np.vstack([pictures, caption])

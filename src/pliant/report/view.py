@@ -1,12 +1,13 @@
 """The pages of a run: the experiment's, and one for each trial whose record was kept."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
 from pliant import files, folders, store
+from pliant.console import Told, untold
 from pliant.errors import InputError
 from pliant.records import Trial
 from pliant.report import overview, summary, trial
@@ -33,7 +34,7 @@ def view(
     teachings: Sequence[Teaching],
     *,
     film: bool = False,
-    progress: Callable[[int, int], None] = lambda done, of: None,
+    progress: Told = untold,
 ) -> Viewed:
     """Make the pages of an experiment or a single run, or of the one trial stored in `folder`;
     pages that are up to date stay. `teachings` are searched for each trial's goals; `film` draws
@@ -53,14 +54,14 @@ def view(
     folders.refuse_links(folder, but=(store.TRIALS,))
     stored = store.kept_trials(folder)
     counts, pages, problems = Counter[_Page](), set(), []
-    for n, one in enumerate(stored):
-        progress(n, len(stored))
+    for n, one in enumerate(stored, start=1):
         try:
             folders.refuse_link(one)
             counts[_show(one, teachings, film, _HOME)] += 1
             pages.add(one.name)
         except InputError as error:
             problems.append(str(error))
+        progress(n, len(stored))
     page = folder / trial.PAGE
     try:
         with folders.contained(f"'{folder}'"):

@@ -90,25 +90,38 @@ def _array(npy: bytes) -> NDArray[Any]:
 
 
 class Replay:
-    """Draws any moment of a trajectory. Close it, or use it as a context, to free the renderer.
+    """Draws any moment of a trajectory. Close its cameras to free the renderer.
+
+    `is_smooth`: pictures are drawn larger and shrunk, which smooths edges and takes twice as long.
 
     Raises:
         InputError: the trajectory belongs to another task.
     """
 
-    def __init__(self, task: Task, trajectory: Trajectory) -> None:
-        self.trajectory = trajectory
+    def __init__(self, task: Task, trajectory: Trajectory, *, is_smooth: bool = True) -> None:
+        enlarged = _ENLARGED if is_smooth else 1
         self._model = m.build(task)
+        _hasten(self._model)
+        size = self._model.vis.global_
+        size.offwidth, size.offheight = (n * enlarged for n in c.IMAGE_SIZE)
+        self._data = mujoco.MjData(self._model)
+        self._slide = int(self._model.joint("wrist_z").qposadr[0])
+        self.cameras = Cameras(self._model, enlarged=enlarged)
+        self.turn_to(trajectory)
+
+    def turn_to(self, trajectory: Trajectory) -> None:
+        """Draw another trajectory of the same task from here on.
+
+        Raises:
+            InputError: the trajectory belongs to another task.
+        """
         if trajectory.qpos.shape[1:] != (self._model.nq,):
             raise InputError(
                 f"the trajectory has {trajectory.qpos.shape[1]} joints and the task's cell"
                 f" {self._model.nq}: it belongs to another task"
             )
+        self.trajectory = trajectory
         apply(self._model, trajectory.setup)
-        _hasten(self._model)
-        self._data = mujoco.MjData(self._model)
-        self._slide = int(self._model.joint("wrist_z").qposadr[0])
-        self.cameras = Cameras(self._model, enlarged=_ENLARGED)
         self.cameras.dress(trajectory.setup)
 
     def __len__(self) -> int:
@@ -121,6 +134,8 @@ class Replay:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         large = self.cameras.image(camera, self._data)
+        if large.shape[1::-1] == c.IMAGE_SIZE:
+            return large
         shrunk = cv2.resize(large, c.IMAGE_SIZE, interpolation=cv2.INTER_AREA)
         return shrunk.astype(np.uint8, copy=False)
 

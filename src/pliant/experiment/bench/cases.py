@@ -39,6 +39,7 @@ from pliant.store import picture_name, with_method
 from pliant.teaching import Teaching
 
 SHIPPED = Path(__file__).with_name("cases.zip")
+"""The case set of pliant's own: in a checkout, and where the distribution pliant-cases is."""
 SHIPPED_HASH = "ef5746015ba5d49c"
 """Content hash of the case set that ships: figures of different sets do not compare."""
 
@@ -271,6 +272,11 @@ def _webp(image: NDArray[np.uint8]) -> bytes:
 
 
 def _opened(path: Path) -> zipfile.ZipFile:
+    if path == SHIPPED and not path.exists():
+        raise InputError(
+            "the cases are not installed: `pip install ./packages/cases` in a checkout brings them,"
+            " or --cases names a set of your own"
+        )
     try:
         return zipfile.ZipFile(path)
     except OSError as error:

@@ -1,0 +1,149 @@
+"""A wrong command line is answered in one line, nothing is written, and help says what is right."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pliant.cli import COMMANDS, main
+from pliant.usage import options
+
+WRONG = {
+    "rnu": "did you mean 'run'",
+    "export": "FOLDER",
+    "tables": "FOLDER",
+    "--colour red": "unknown command",
+    "run --colour red": "unknown option '--colour'",
+    "run --vidoe": "did you mean '--video'",
+    "run --hole-y 3 5": "did you mean '--hole-y-mm'",
+    "run -peg circle": "'-peg' is no option, nor the value of one; did you mean '--peg'",
+    "run --trials 3": "unknown option '--trials'; pliant run --help lists them",
+    "experiment --seed 3": "did you mean '--first-seed'",
+    "calibrate --peg-at 3": "--peg-at takes two values: whole numbers",
+    "run --usd-per-million 1": "--usd-per-million takes two values: numbers",
+    "run circle": "'circle' is no option",
+    "run --peg": "--peg takes a value",
+    "run --peg sqare": "did you mean 'square'",
+    "run --peg missing.yaml": "missing.yaml",
+    "run --condition poze": "did you mean 'pose'",
+    "run --level L9": "unknown level 'L9'",
+    "run --level wrong_pegg": "did you mean 'wrong_peg'",
+    "run --reasoner rule": "did you mean 'rules'",
+    "run --reasoner mine.py:Mine": "mine.py",
+    "run --method guidde": "did you mean 'guided'",
+    "run --method guided-eaze": "did you mean 'ease'",
+    "run --seed x": "--seed is 'x': it must be a whole number",
+    "run --seed 1.5": "--seed is '1.5': it must be a whole number",
+    "run --seed -1": "first_seed is -1",
+    "run --hole-y-mm 3": "--hole-y-mm takes two values: the least and the most",
+    "run --hole-y-mm a b": "--hole-y-mm takes two values",
+    "run --hole-y-mm 9 3": "hole_y from 9 mm to 3 mm",
+    "run --effort extreme": "--effort is 'extreme': it must be low or medium or high",
+    "run --effort hihg": "did you mean 'high'",
+    "run --preset papr": "did you mean 'paper'",
+    "run --output json": "it must be tool or native or prompted",
+    "run --temperature hot": "--temperature",
+    "run --model openai:gpt-4o": "--model is for a VLM",
+    "run --reasoner vlm --base-url nowhere": "base_url",
+    "run --goals nowhere.yaml": "nowhere.yaml",
+    "run --cell nowhere.yaml": "nowhere.yaml",
+    "experiment nowhere.yaml": "nowhere.yaml",
+    "experiment --trials 0": "trials is 0",
+    "experiment --trials many": "--trials is 'many': it must be a whole number",
+    "experiment --pegs circle sqare": "did you mean 'square'",
+    "experiment --save some": "it must be failures or all or none",
+    "experiment --again everything": "--again is 'everything'",
+    "experiment --workers 0": "workers is 0",
+    "experiment --time-limit-s -3": "time limit",
+    "view nowhere": "nowhere",
+    "view nowhere --port": "--port takes a value",
+    "export nowhere --lerobot data": "nowhere",
+    "export nowhere": "give --lerobot",
+    "export --lerobto data nowhere": "did you mean '--lerobot'",
+    "bench-reasoner ruless": "did you mean 'rules'",
+    "bench-reasoner rules --limit none": "--limit",
+    "calibrate camra": "did you mean 'camera'",
+    "label nowhere": "run this in a terminal",
+}
+
+
+@pytest.mark.parametrize(("line", "answer"), WRONG.items(), ids=list(WRONG))
+def test_a_wrong_command_line_is_answered_in_one_line(
+    line: str,
+    answer: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["pliant", *line.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed, said = capsys.readouterr()
+    assert ended.value.code == 2
+    assert printed == ""
+    assert len(said.splitlines()) == 1, said
+    assert said.startswith("pliant: ")
+    assert answer in said
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_class_that_a_file_does_not_have_is_answered_with_those_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own.py"
+    own.write_text("class Careful: ...\n", encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["pliant", "run", "--reasoner", f"{own}:Carful"])
+    with pytest.raises(SystemExit):
+        main()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "has no class 'Carful': it has Careful; did you mean 'Careful'?" in said
+
+
+@pytest.fixture
+def help_of(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[str], list[str]]:
+    monkeypatch.setenv("COLUMNS", "100")
+
+    def lines(words: str) -> list[str]:
+        monkeypatch.setattr(sys, "argv", ["pliant", *words.split()])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code
+        return capsys.readouterr().out.splitlines()
+
+    return lines
+
+
+def test_the_help_of_run_fits_two_screens(help_of: Callable[[str], list[str]]) -> None:
+    lines = help_of("run --help")
+    assert len(lines) <= 100
+    assert max(map(len, lines)) <= 100
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_page_of_help_has_examples_and_explains_every_option(
+    name: str, help_of: Callable[[str], list[str]]
+) -> None:
+    lines = help_of(f"{name} --help")
+    assert sum(line.startswith("  pliant ") for line in lines) >= 3
+    for option in options(COMMANDS[name][0]):
+        assert option.meaning, option.name
+        assert any(line.strip().startswith(option.written) for line in lines), option.name
+
+
+def test_the_first_page_names_every_command(help_of: Callable[[str], list[str]]) -> None:
+    lines = help_of("--help")
+    for name in COMMANDS:
+        assert any(line.startswith(f"  {name} ") for line in lines)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_is_told_how_to_complete_commands_and_options(
+    shell: str, help_of: Callable[[str], list[str]]
+) -> None:
+    script = "\n".join(help_of(f"--tyro-print-completion {shell}"))
+    assert "bench-reasoner" in script
+    assert "hole-y-mm" in script
