@@ -1,20 +1,25 @@
 """The rules for what to do after a guided skill failed.
 
 The guided skills correct themselves from what they see, so there is less to plan: go on where the
-peg is, or lift, hang it above the hole anew and aim a little further to one side each time.
+peg is, or lift, hang it above the hole anew and feel for it elsewhere.
 """
 
 import math
 
+from pliant.belief import Belief
 from pliant.cell import Stop
+from pliant.checks import half_hole, low_corner
 from pliant.formations import Formation, Step
+from pliant.methods.guided.checks import FAR_WALL_M
 from pliant.pose import Axis, describe
-from pliant.records import Case, FailureAnalysis, Recovery
+from pliant.records import Case, FailureAnalysis, Outcome, Recovery
 
-_AIMS = (0.0, 0.010, -0.010, 0.017, -0.017, -0.002, 0.005, -0.005)
-"""The places [m], from where the hole is seen, at which it is felt for in turn: again where it
-is seen; then a camera may be off. Fit finds a hole that is up to 3 mm from there. After all of them
-it is given up."""
+_NEAR = (0.0, -0.0015, 0.0015, -0.003, 0.003, -0.0045)
+_WIDE = (0.010, -0.010, 0.017, -0.017, 0.005, -0.005)
+"""The places [m], from where the hole is seen, at which it is felt for in turn: near where an edge
+was felt there, else wide, as a camera may be off. Fit finds a hole that is up to 3 mm from them."""
+_ASIDE_M = 0.0048  # more is wide
+_DEEP_M = 0.0015  # a low corner so deep is in the hole
 _IN_HOLE = 0.0005  # [m] of the tip
 _BLIND = 4  # executions in a row whose pictures do not show it all: no more are tried
 _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
@@ -66,15 +71,48 @@ def _tired(case: Case, formation: Formation) -> bool:
 
 
 def _touch_down_anew(case: Case, by: str, what: str, why: str) -> Recovery:
-    """Plan to touch down anew: at first where the hole is seen, and from there a little to the
-    sides in turn."""
-    outcomes = [*(e.outcome for e in case.history), case.outcome]
-    fits = sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
-    if fits == len(_AIMS):
+    """Plan to touch down anew where it was not tried yet."""
+    aim = _next_aim(case)
+    if aim is None:
         return _stop(by, "the hole was not found", f"{what} wherever it is felt for")
-    aim = _AIMS[fits]
     how = f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen"
     return _steps(case, by, what, why, how, Formation.FIT, aim=aim)
+
+
+def _next_aim(case: Case) -> float | None:
+    """The next place to feel for the hole [m]; None: all were tried."""
+    taught = case.teaching.goals.formations[Formation.FIT][Axis.Y]
+    fits = [
+        (outcome.step.goal[Axis.Y] - taught, outcome, belief)
+        for outcome, belief in (
+            *((e.outcome, e.belief) for e in case.history),
+            (case.outcome, case.belief),
+        )
+        if outcome.step.formation is Formation.FIT
+    ]
+    again = [shift for shift, outcome, _ in fits if outcome.step.retreat]
+    near = sum(abs(shift) < _ASIDE_M for shift in again)
+    wide = len(again) - near
+    felt = [_felt(case, o, b) for shift, o, b in fits if abs(shift) < _ASIDE_M]
+    is_there = True in felt and False not in felt
+    if near == 0 or (is_there and near < len(_NEAR)):
+        return _NEAR[near]
+    if wide < len(_WIDE):
+        return _WIDE[wide]
+    return _NEAR[near] if near < len(_NEAR) else None
+
+
+def _felt(case: Case, outcome: Outcome, belief: Belief) -> bool | None:
+    """Whether Fit ended with the low corner in the hole, at the far wall where it is believed; in
+    the hole beyond it, it is elsewhere. None: not in the hole, or not seen."""
+    peg, hole, surface = outcome.scene.peg, belief.hole_y, belief.surface_z
+    if peg is None or hole is None or surface is None:
+        return None
+    y, z = low_corner(peg)
+    if surface.value - z < _DEEP_M:
+        return None
+    short = y - (hole.value - half_hole(case.task))
+    return FAR_WALL_M[0] <= short <= FAR_WALL_M[1]
 
 
 def _blind(case: Case, by: str, problem: str) -> Recovery:
