@@ -34,8 +34,8 @@ bounds: setup  ## Tests with every dependency at its lowest, then at its highest
 	tools/try_bounds.sh highest
 docs: .cache/venv-docs/.synced  ## The documentation as a site that needs no network: site/index.html
 	tools/build_docs.sh
-bench: setup  ## Measure speed
-	$(BIN)/python benchmarks/speed.py
+bench: setup  ## Measure what a trial costs, into docs/speed.md
+	$(BIN)/python benchmarks/speed.py --page docs/speed.md
 bench-peers: setup  ## Measure speed beside robosuite's, which gets an environment of its own
 	$(BIN)/python benchmarks/against_robosuite.py
 clean:  ## Remove what make made, but not the results in runs/

@@ -1,7 +1,7 @@
 """Hostile plans, wrong beliefs and lying sensors: how far is the wrist really pressed?
 
     python benchmarks/limit_fuzz.py --trials 100                  # each method, simulated
-    python benchmarks/limit_fuzz.py --trials 20 --emulated        # the UR5e's driver, planar
+    python benchmarks/limit_fuzz.py --trials 20 --emulated        # each sensor, the UR5e's driver
 
 A trial has a reasoner that judges and plans at random, within admission and far beyond it; a sensor
 that is honest or not; where it is honest, a board that may be read elsewhere, and in half of the
@@ -10,10 +10,11 @@ loaded, by kind of sensor.
 """
 
 import argparse
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from pliant.formations import RECOVERABLE, Formation, Step
 from pliant.methods.named import METHODS, method
 from pliant.pose import Axis, Pose
 from pliant.records import Case, FailureAnalysis, Recovery, Verdict
+from pliant.recovery import admit
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -35,7 +37,9 @@ from pliant.vision.sight import ByColour, Sight
 
 HOST = "127.0.0.191"
 SENSORS = ("honest", "dead", "trembling", "frozen", "scaled", "noisy")
+EMULATED = ("honest", "noisy", "scaled", "turned")  # told a wrong stiffness, a wrong sign
 EXECUTIONS = 14  # of a trial, at most
+DRAFTS = 6  # of a plan, before one is given that admission refuses
 
 
 @dataclass
@@ -43,6 +47,7 @@ class Hostile:
     """A reasoner (protocol `pliant.recovery.Reasoner`) that says anything."""
 
     random: np.random.Generator
+    limits: Limits = field(default_factory=Limits)
     name: str = "hostile"
     plans: int = field(default=0)
 
@@ -53,9 +58,16 @@ class Hostile:
         return Verdict(success=success, reason="any", votes={}, conflict=None, by=self.name)
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
-        self.plans += 1
         if self.random.uniform() < 0.1:
             return None
+        for _ in range(DRAFTS):  # a trial ends with a plan that is refused
+            plan = self._plan(case)
+            if admit(plan, case, self.limits).steps:
+                break
+        return plan
+
+    def _plan(self, case: Case) -> Recovery:
+        self.plans += 1
         first = int(self.random.integers(len(RECOVERABLE)))
         steps = tuple(self._step(f, case) for f in RECOVERABLE[first:])
         analysis = FailureAnalysis(what="any", why="any", how="any", motion={})
@@ -67,6 +79,15 @@ class Hostile:
         if self.random.uniform() < 0.05:
             goal = {Axis.Z: float(self.random.uniform(-1.0, 1.0))}
         return Step(formation=formation, goal=goal, retreat=bool(self.random.uniform() < 0.4))
+
+
+class Ended(NamedTuple):
+    """One trial: the most that its wrist was truly loaded [m], how it ended, how many plans the
+    reasoner tried."""
+
+    load_m: float
+    reason: str
+    plans: int
 
 
 @dataclass
@@ -155,11 +176,10 @@ def run(robot: Robot, name: str, mind: Hostile, sight: Sight, executions: int = 
 
 def simulated(
     trials: int, first_seed: int = 1, executions: int = EXECUTIONS
-) -> dict[tuple[str, str], list[tuple[float, str]]]:
-    """By method and sensor, the most load [m] and the end of each trial."""
+) -> dict[tuple[str, str], list[Ended]]:
+    """The trials by method and sensor."""
     cell, found = SimCell(), defaultdict(list)
     task = load_task("circle")
-    plans = 0
     for number, name in enumerate(METHODS):
         for seed in range(first_seed, first_seed + trials):
             random = np.random.default_rng([seed, number])
@@ -172,10 +192,8 @@ def simulated(
             most = loaded(robot)
             with spoiled(robot, sensor, random):
                 done = run(robot, name, mind, sight, executions)
-            plans += mind.plans
-            found[name, sensor].append((most[0], done.end_reason))
+            found[name, sensor].append(Ended(most[0], done.end_reason, mind.plans))
             print(name, seed, sensor, f"{1e3 * most[0]:.1f} mm", done.end_reason, flush=True)
-    print(f"simulated: {plans} hostile plans in {2 * trials} trials")
     return dict(found)
 
 
@@ -195,29 +213,33 @@ class _Watched(Guarded):
             self.most = max(self.most, abs(self._admin.truth().compression_m))
 
 
-def emulated(trials: int, noise_n: float, executions: int = EXECUTIONS) -> float:
-    """The most that the wrist was truly loaded [m]."""
+def emulated(
+    trials: int, sensor: str, first_seed: int = 1, executions: int = EXECUTIONS
+) -> list[Ended]:
+    """The trials of one sensor; the method is the planar one, since the guided
+    one wants a second camera."""
     from pliant.ur5e.cell import UrCell
     from pliant.ur5e.emulated import configuration_of
 
-    task, most, plans = load_task("circle"), 0.0, 0
-    noise = ("--force-noise", str(noise_n))
-    with (
-        started("--host", HOST, "--mode", "lockstep", *noise) as admin,
-        UrCell(configuration_of(HOST)) as cell,
-    ):
-        real: Workcell = cell
-        for seed in range(1, trials + 1):
-            random = np.random.default_rng(seed)
+    task, found = load_task("circle"), []
+    noise = ("--force-noise", "1.0" if sensor == "noisy" else "0.0")
+    with started("--host", HOST, "--mode", "lockstep", *noise) as admin:
+        for seed in range(first_seed, first_seed + trials):
+            random = np.random.default_rng([seed, len(METHODS)])
+            told = configuration_of(HOST)
+            scale = float(random.uniform(0.2, 0.95)) if sensor == "scaled" else 1.0
+            stiffness = told.wrist.stiffness_n_mm / scale
+            sign = -told.wrist.sign if sensor == "turned" else told.wrist.sign
+            wrist = told.wrist.model_copy(update={"stiffness_n_mm": stiffness, "sign": sign})
             setup = Setup(seed=seed, hole_y=float(random.uniform(-0.02, 0.02)))
             mind = Hostile(random)
-            done = _Watched(real.prepare(task, setup), admin)
-            ended = run(done, "planar", mind, ByColour(task), executions).end_reason
-            plans += mind.plans
-            most = max(most, done.most)
-            print(seed, ended, f"{1e3 * done.most:.1f} mm", flush=True)
-    print(f"emulated, {noise_n:g} N: {plans} hostile plans, at most {1e3 * most:.1f} mm")
-    return most
+            with UrCell(told.model_copy(update={"wrist": wrist})) as cell:
+                real: Workcell = cell
+                done = _Watched(real.prepare(task, setup), admin)
+                ended = run(done, "planar", mind, ByColour(task), executions).end_reason
+            found.append(Ended(done.most, ended, mind.plans))
+            print(sensor, seed, ended, f"{1e3 * done.most:.1f} mm", flush=True)
+    return found
 
 
 def main() -> None:
@@ -225,18 +247,21 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--emulated", action="store_true")
-    parser.add_argument("--force-noise", type=float, default=0.0)
     options = parser.parse_args()
+    found = {}
     if options.emulated:
-        emulated(options.trials, options.force_noise)
-        return
-    for (name, sensor), trials in sorted(simulated(options.trials, options.first_seed).items()):
-        loads = [1e3 * load for load, _ in trials]
-        ends: dict[str, int] = defaultdict(int)
-        for _, end in trials:
-            ends[end] += 1
-        worst = f"n {len(loads):3d}  at most {max(loads):5.1f} mm"
-        print(f"{name:<7} {sensor:<10} {worst}  {dict(ends)}")
+        for sensor in EMULATED:
+            found["planar", sensor] = emulated(options.trials, sensor, options.first_seed)
+    else:
+        found = simulated(options.trials, options.first_seed)
+    for (name, sensor), trials in sorted(found.items()):
+        worst = 1e3 * max(trial.load_m for trial in trials)
+        plans = sum(trial.plans for trial in trials)
+        ends = ", ".join(f"{n} {end}" for end, n in Counter(t.reason for t in trials).most_common())
+        print(
+            f"{name:<7} {sensor:<10} n {len(trials):3d}  {plans:4d} plans"
+            f"  at most {worst:4.1f} mm  {ends}"
+        )
 
 
 if __name__ == "__main__":

@@ -226,6 +226,15 @@ PAGES: Mapping[str, Page] = {
             "text 2": Comes(then=paths_are_there),
         }
     ),
+    "docs/speed.md": Page(
+        blocks={
+            "python benchmarks/paired.py ../other": Elsewhere(
+                test="test_benchmarks.py", word='"benchmarks" / "paired.py"'
+            ),
+            "text 1": NotRun(because="a machine's own times"),
+            "text 2": NotRun(because="a machine's own times"),
+        }
+    ),
     "docs/bench-reasoner.md": Page(
         takes={"my_reasoner.py": ("docs/how-to/reasoner.md", "mine.py")},
         blocks={

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import lru_cache
 from types import TracebackType
 from typing import Self
 
@@ -43,9 +43,9 @@ UNSEEN = Scene(peg=None, hole=None, problems=("no peg: scripted", "no hole: scri
 # --- the simulated cell ------------------------------------------------------------------------
 
 
-@cache
+@lru_cache(maxsize=len(PEGS))  # each takes 0.1 GB
 def cell_for(peg: str) -> SimCell:
-    """One cell per peg and process: compiling and the first picture take a second."""
+    """One cell for each of the last pegs: compiling and the first picture take a second."""
     return SimCell()
 
 

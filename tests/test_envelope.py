@@ -199,6 +199,33 @@ def test_until_then_a_peg_that_is_seen_in_the_hole_goes_on_from_where_it_is_seen
     assert not guarded.has_answered
 
 
+def test_a_peg_that_has_been_lifted_out_of_the_hole_is_not_counted_as_deep_in_it() -> None:
+    robot = ScriptedRobot(answer=None)
+    guarded = Guarded(robot, LOW)
+    guarded.descent = Descent(
+        surface_z=0.0, hang_m=HANG_M, depth_m=0.010, sunk_m=0.009, seen_z=HANG_M - 0.009
+    )
+    for lifted, lowest in ((HANG_M - 0.001, HANG_M - 0.023), (HANG_M + 0.02, HANG_M - 0.014)):
+        for z in (lifted, 0.100):
+            guarded.move_to(Pose(z=z), speed_m_s=0.02, stop_at_compression_m=0.02)
+        assert robot.poses[-1].z == pytest.approx(lowest)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_until_then_a_peg_in_the_hole_must_be_seen_to_rise_with_the_hand(held: bool) -> None:
+    robot = ScriptedRobot(answer=None)
+    guarded = Guarded(robot, LOW)
+    guarded.descent = Descent(
+        surface_z=0.0, hang_m=HANG_M, depth_m=0.040, sunk_m=0.030, seen_z=0.160
+    )
+    guarded.sees_depth = lambda: 0.030 - (0.0 if held else robot.poses[-1].z - 0.160)
+    guarded.move_to(Pose(z=0.160), speed_m_s=0.02, stop_at_compression_m=0.02)
+    with pytest.raises(RobotFault, match="not seen to rise") if held else nullcontext():
+        guarded.move_to(Pose(z=0.240), speed_m_s=0.02, stop_at_compression_m=0.02)
+    rises = [0.174] if held else [0.174, 0.188, 0.202, 0.240]  # out of the hole nothing holds it
+    assert [pose.z for pose in robot.poses[1:]] == pytest.approx(rises, abs=0.003)
+
+
 @pytest.mark.parametrize(
     ("off", "answered", "arrives"),
     [(0.009, False, True), (0.011, False, False), (0.02, True, True)],

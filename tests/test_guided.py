@@ -23,7 +23,7 @@ from pliant.methods.guided import Guided
 from pliant.methods.guided.belief import believed
 from pliant.methods.guided.hand import Hand, HandFrame, Manner
 from pliant.methods.named import method
-from pliant.pose import Pose
+from pliant.pose import Axis, Pose
 from pliant.reasoners.rules import Rules
 from pliant.records import Look, Trial
 from pliant.sim.cell import SimCell
@@ -33,6 +33,7 @@ from pliant.vision.scene import HoleSeen, Measured, Scene
 
 TEACHING = shipped()
 GUIDED = Guided()
+FIT, CONTACT = (TEACHING.goals.step(f) for f in (Formation.FIT, Formation.CONTACT))
 
 
 def hole_at(y: float) -> Seen:
@@ -43,7 +44,7 @@ def hole_at(y: float) -> Seen:
         y=Measured(value=y, sd=sd),
         surface_z=Measured(value=0.0, sd=sd),
     )
-    return Seen(formation=Formation.FIT, pose=Pose(), scene=Scene(peg=None, hole=hole))
+    return Seen(step=FIT, pose=Pose(), scene=Scene(peg=None, hole=hole))
 
 
 def hole_y(*readings: float, by: Guided = GUIDED) -> float:
@@ -56,6 +57,15 @@ def hole_y(*readings: float, by: Guided = GUIDED) -> float:
 
 
 # --- belief --------------------------------------------------------------------------------------
+
+
+def test_from_fit_on_the_hole_is_looked_for_where_the_step_says() -> None:
+    aside = replace(FIT, goal={Axis.Y: FIT.goal[Axis.Y] + 0.010}, retreat=True)
+    belief = GUIDED.believe(Belief(), hole_at(0.002), TEACHING)
+    for step, y in ((aside, 0.012), (CONTACT, 0.012), (FIT, 0.002)):
+        belief = GUIDED.believe(belief, replace(hole_at(0.002), step=step), TEACHING)
+        assert belief.hole_y is not None
+        assert belief.hole_y.value == pytest.approx(y)
 
 
 @given(
@@ -264,7 +274,7 @@ def hand_at(robot: ScriptedRobot, surface_z: float = 0.0, scene: Scene | None = 
         assert scene is not None, "nothing is looked at"
         return Look(observation=robot.observe(cameras), scene=scene)
 
-    return Hand(Manner(), task, TEACHING, robot, look, Formation.CONTACT, belief)
+    return Hand(Manner(), task, TEACHING, robot, look, CONTACT, belief)
 
 
 def test_a_descent_that_meets_nothing_is_a_fault() -> None:

@@ -16,7 +16,7 @@ PLACES = st.tuples(
 def test_whatever_the_points_are_there_is_a_pair_of_finite_lines_or_none(
     places: list[tuple[int, float, int, float]], width: float
 ) -> None:
-    pair = fit_pair([(line, x, float(y), w) for line, x, y, w in places], width, 0.2)
+    pair = fit_pair(np.array(places, float), width, 0.2)
     if pair is not None:
         assert np.isfinite([pair.left, pair.right, pair.slope, pair.place_sd, pair.slope_sd]).all()
         assert abs(pair.right - pair.left - width) < 1.0 + width
@@ -29,7 +29,7 @@ def test_lines_are_found_where_they_are(slope: float, width: float) -> None:
         for line in (0, 1)
         for y in range(21)
     ]
-    pair = fit_pair(points, width, 0.2)
+    pair = fit_pair(np.array(points), width, 0.2)
     assert pair is not None
     assert (pair.left + pair.right) / 2 == pytest.approx(100.0, abs=0.1)
     assert pair.slope == pytest.approx(slope, abs=0.01)
@@ -38,4 +38,4 @@ def test_lines_are_found_where_they_are(slope: float, width: float) -> None:
 def test_points_that_leave_one_line_without_a_slope_make_no_pair() -> None:
     """As at L5+, circle, 50011: the last weighing left one row of points on either line."""
     points = [(line, 10.0 + 20.0 * line, 5.0, 1.0) for line in (0, 1) for _ in range(4)]
-    assert fit_pair(points, 20.0, 0.2) is None
+    assert fit_pair(np.array(points), 20.0, 0.2) is None

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stand_ins import prepared
 
 from pliant.conditions import NOMINAL, Condition, Setup, condition
+from pliant.diagnosis import Hypothesis
 from pliant.errors import RobotFault
 from pliant.experiment import ladder, tables_text
 from pliant.experiment.misread import Misread
@@ -178,11 +179,11 @@ def test_nothing_strange_is_left_in_the_next_trial() -> None:
 
 @pytest.mark.parametrize("level", SCENARIOS, ids=lambda level: level.name)
 def test_every_scenario_is_strange_and_says_what_is_right(level: Any) -> None:
-    assert level.right in (STOP, EITHER)
+    assert level.right in (STOP, EITHER) or level.truly == (Hypothesis.AS_TOLD,)  # a near miss
     assert level.method == "guided"
     papers = set(condition("all").ranges)
     drawn = level.on(condition("all")).draw(1).disturbed()
-    assert set(drawn) - papers
+    assert set(drawn) - papers or level.ranges["friction"][0] > 5.0
     assert all(NOMINAL[name] != value for name, value in drawn.items())
 
 

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from pliant.envelope import Descent
-from pliant.formations import Formation
+from pliant.formations import Formation, Step
 from pliant.pose import Pose
 from pliant.task import Task, load_task
 from pliant.teaching import Teaching
@@ -20,7 +21,8 @@ class Belief:
     `hole_y`, `hole_x` and `surface_z` [m] are the hole's centre on the board, `board_yaw` [rad] how
     the board is turned, `grasp_roll` [rad] the peg's angle in the grasp; `upright_roll` and
     `upright_pitch` [rad] those of the hand with which the peg would hang upright. `readings` are
-    the last of each, for the soft estimates.
+    the last of each, for the soft estimates. `hole_shift` [m] is how far along y from where it is
+    read the hole is looked for since the last Fit; `hole_y` has it in it.
     """
 
     hole_y: Measured | None = None
@@ -31,14 +33,15 @@ class Belief:
     upright_roll: Measured | None = None
     upright_pitch: Measured | None = None
     readings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    hole_shift: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """One look: the formation and the measured pose in which it was taken, and what was
+    """One look: the step during which and the measured pose in which it was taken, and what was
     measured."""
 
-    formation: Formation
+    step: Step
     pose: Pose
     scene: Scene
 
@@ -52,6 +55,7 @@ def hang_share(teaching: Teaching) -> float:
     return shown.tilt.value / teaching.goals.target(Formation.APPROACH).roll
 
 
+@lru_cache(maxsize=8)  # asked for at every look, and it reads the peg's file
 def sag_m(teaching: Teaching) -> float:
     """The length [m] by which the tool's weight stretches the wrist in free hang, read off the
     goals."""
@@ -64,11 +68,17 @@ def sag_m(teaching: Teaching) -> float:
 
 
 def descent_of(
-    belief: Belief, task: Task, teaching: Teaching, *, slid_m: float = 0.0, sunk_m: float = 0.0
+    belief: Belief,
+    task: Task,
+    teaching: Teaching,
+    *,
+    slid_m: float = 0.0,
+    sunk_m: float = 0.0,
+    seen_z: float = math.inf,
 ) -> Descent:
     """The geometric limit on how low the hand may go, by what is believed of the board; nominal
     until it was seen. A peg that has slid up in the grasp by `slid_m` [m] touches so much later;
-    `sunk_m` [m] is how deep it was seen in the hole."""
+    `sunk_m` [m] is how deep it was seen in the hole, with the hand at `seen_z` [m]."""
     surface = belief.surface_z.value if belief.surface_z is not None else 0.0
     hang = task.tip_below_hinge + sag_m(teaching) - slid_m
-    return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth, sunk_m=sunk_m)
+    return Descent(surface_z=surface, hang_m=hang, depth_m=task.depth, sunk_m=sunk_m, seen_z=seen_z)

@@ -154,12 +154,11 @@ def slid(task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> fl
     return min(MOST_SLID_M, max(0.0, seen - outcome.looks[-1].observation.compression_m))
 
 
-def sunk(outcome: Outcome) -> float:
-    """The depth [m] to which the last picture shows the tip in the hole of a board that is no
-    higher than nominal, or 0 if it does not show it there."""
-    scene = outcome.scene
+def sunk(scene: Scene) -> float | None:
+    """The depth [m] to which a picture shows the tip in the hole of a board that is no higher than
+    nominal, 0 where it shows it above; None: the peg is not seen."""
     if scene.peg is None:
-        return 0.0
+        return None
     surface = min(0.0, scene.hole.surface_z.value) if scene.hole is not None else 0.0
     depth = surface - scene.peg.tip_z.value
     return depth if depth > UNFELT_M else 0.0

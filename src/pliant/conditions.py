@@ -92,14 +92,20 @@ QUANTITIES: Mapping[str, Quantity] = {
     "wrist_stiffness": _factor(0.2, 5.0, "the wrist's stiffness on every axis, as a factor"),
     "compression_noise": _size(0.002, "standard deviation of a reading of the wrist's compression"),
     "peg_missing": _flag("the gripper holds no peg"),
-    "peg_wider": _size(
-        0.02, "how much wider along x the peg is, which then is a box; 0: it is right"
+    "peg_wider": Quantity(
+        nominal=0.0,
+        valid=(-0.01, 0.02),
+        unit=_MM,
+        meaning="how much wider along x the peg is, which then is a box; 0: it is right",
     ),
+    "peg_longer": _length(0.03, "how much longer the peg is, which then is a box; 0: it is right"),
     "plugged_at": _size(0.05, "how far below the surface the hole is plugged; 0: it is not"),
     "bar_height": _size(0.02, "height of a steel bar across the board; 0: there is none"),
     "bar_y": _length(0.04, "that bar's middle along y from the hole's", two_sided=True),
     "hole_misread": _length(0.02, "how far off every reading of the hole's y is", two_sided=True),
     "compression_dead": _flag("the wrist's compression always reads the same"),
+    "compression_scale": _factor(0.1, 3.0, "what the wrist's compression reads, as a factor"),
+    "pictures_frozen": _flag("after 4 s every camera's picture stays as it is, its time does not"),
 }
 """The quantities that may differ from plan in a trial. The first three are the paper's."""
 
@@ -147,11 +153,14 @@ class Setup:
     compression_noise: float = 0.0
     peg_missing: float = 0.0
     peg_wider: float = 0.0
+    peg_longer: float = 0.0
     plugged_at: float = 0.0
     bar_height: float = 0.0
     bar_y: float = 0.0
     hole_misread: float = 0.0
     compression_dead: float = 0.0
+    compression_scale: float = 1.0
+    pictures_frozen: float = 0.0
 
     def quantities(self) -> dict[str, float]:
         """Every quantity by its name, drawn or nominal."""

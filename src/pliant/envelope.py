@@ -1,7 +1,7 @@
 """The envelope: nothing moves the arm without its leave, teaching included."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 from types import TracebackType
@@ -62,13 +62,25 @@ class Descent:
 
     `surface_z` is where the board's surface is believed to be, `hang_m` how far below the hinge
     point the peg's tip hangs freely, `depth_m` how deep the hole lets it in, `sunk_m` how deep in
-    it the tip was seen while it stayed there [m].
+    it the tip was seen, with the hinge point at `seen_z` [m].
     """
 
     surface_z: float
     hang_m: float
     depth_m: float
     sunk_m: float = 0.0
+    seen_z: float = math.inf
+
+    @property
+    def unseen_z(self) -> float:
+        """The height [m] up to which the hand may rise from where the tip was seen in the hole, by
+        that picture alone."""
+        return self.seen_z + _UNPROVEN_M
+
+    def after(self, motion: Motion) -> "Descent":
+        """The limit after one more motion: out of the hole nothing counts from the tip in it."""
+        is_out = motion.ended.z > self.seen_z + self.sunk_m
+        return replace(self, sunk_m=0.0) if is_out else self
 
     def lowest_z(self, stop_at_m: float, limits: Limits, *, proven: bool) -> float:
         """The lowest height [m] of the hinge point in a motion that ends at `stop_at_m` of
@@ -92,7 +104,8 @@ class Guarded:
 
     `motions` are those done since somebody cleared the list, `under_way` where the arm was sent and
     has not arrived: after a fault they say what it was doing. `has_answered` says whether the
-    wrist's sensor has answered to being pressed.
+    wrist's sensor has answered to being pressed; until then `sees_depth`, where somebody gives it,
+    takes a picture and says how deep the tip is in the hole [m], None if that is not seen.
     """
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
@@ -102,6 +115,7 @@ class Guarded:
         self.under_way: Pose | None = None
         self.descent: Descent | None = None
         self.has_answered = False
+        self.sees_depth: Callable[[], float | None] | None = None
         self._unlikely = 0  # answers
 
     def __enter__(self) -> Self:
@@ -125,20 +139,52 @@ class Guarded:
         if problem is not None:
             self._robot.halt()
             raise RobotFault("envelope", f"refused a motion: {problem}")
-        requested, pose = pose, self._not_too_low(pose, stop_at_compression_m)
+        self._see_that_it_comes_free(pose, speed_m_s, stop_at_compression_m)
+        return self._move(pose, speed_m_s, stop_at_compression_m)
+
+    def _move(self, requested: Pose, speed_m_s: float, stop_at_m: float) -> Motion:
+        pose = self._not_too_low(requested, stop_at_m)
         self.under_way = pose
         motion = self._robot.move_to(
             pose,
             speed_m_s=min(speed_m_s, self.limits.speed_m_s),
-            stop_at_compression_m=min(stop_at_compression_m, self.limits.compression_m),
+            stop_at_compression_m=min(stop_at_m, self.limits.compression_m),
         )
         self.under_way = None
         if pose is not requested:
             motion = replace(motion, requested=requested)
         self.motions.append(motion)
+        if self.descent is not None:
+            self.descent = self.descent.after(motion)
         self._hear(motion.answer)
         self._see_that_it_arrived(motion)
         return motion
+
+    def _see_that_it_comes_free(self, goal: Pose, speed_m_s: float, stop_at_m: float) -> None:
+        """What holds a peg in the hole stretches the wrist of a hand that rises. Until the sensor
+        has answered, the hand rises a little at a time, and the tip must be seen to rise with
+        it."""
+        descent = self.descent
+        while (
+            not self.has_answered
+            and self.sees_depth is not None
+            and descent is not None
+            and descent.sunk_m > 0.0
+            and goal.z > descent.unseen_z
+        ):
+            here = self._robot.observe(()).pose
+            if here.z < descent.unseen_z:
+                up = here.updated({Axis.Z: descent.unseen_z})
+                here = self._move(up, speed_m_s, stop_at_m).ended
+            depth = self.sees_depth()
+            if depth is None or depth > descent.sunk_m - (here.z - descent.seen_z) / 2:
+                self._robot.halt()
+                raise RobotFault(
+                    "held",
+                    "the peg is not seen to rise with the hand, and the wrist's sensor has not"
+                    " answered yet",
+                )
+            self.descent = descent = replace(descent, sunk_m=depth, seen_z=here.z)
 
     def _see_that_it_arrived(self, motion: Motion) -> None:
         """What holds the peg holds back the hand, too, and loads the wrist. A sensor that has

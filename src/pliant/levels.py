@@ -13,6 +13,7 @@ from importlib import resources
 
 from pliant import files
 from pliant.conditions import CONDITIONS, QUANTITIES, Condition, Quantity
+from pliant.diagnosis import Hypothesis
 from pliant.errors import unknown
 from pliant.pose import Axis
 
@@ -25,7 +26,7 @@ class Level:
     """A rung of the ladder: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion,
     `ranges` that are drawn besides a condition's own, the `method` that is used unless another is
     asked for, and the `senses` that measure its pictures. `right` is what a method should do in the
-    end: insert, stop and say so, or either."""
+    end: insert, stop and say so, or either; `truly` are the hypotheses that are right about it."""
 
     name: str
     tests: str
@@ -36,6 +37,7 @@ class Level:
     senses: str
     pegs: tuple[str, ...]
     right: str = INSERT
+    truly: tuple[Hypothesis, ...] = (Hypothesis.AS_TOLD,)
     is_scenario: bool = False
 
     def on(self, condition: Condition) -> Condition:
@@ -85,6 +87,7 @@ def shipped_levels() -> Mapping[str, Level]:
             senses=fields.get("senses", COLOUR),
             pegs=tuple(fields.get("pegs", ("circle", "square", "rectangle_narrow"))),
             right=fields.get("right", INSERT),
+            truly=tuple(Hypothesis(h) for h in fields.get("truly", [Hypothesis.AS_TOLD])),
             is_scenario=name in scenarios,
         )
     return levels

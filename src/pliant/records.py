@@ -17,6 +17,7 @@ from pydantic import AliasChoices, Field, PlainSerializer, PlainValidator
 from pliant import pictures
 from pliant.belief import Belief
 from pliant.cell import Image, Motion, Observation, Stop, Truth
+from pliant.diagnosis import OF_FAULTS, Diagnosis, Hypothesis
 from pliant.formations import OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
@@ -98,6 +99,16 @@ class Evidence:
     @property
     def votes(self) -> dict[str, bool | None]:
         return {c.name: c.vote for c in self.checks}
+
+    def with_signs(self, diagnosis: Diagnosis) -> "Evidence":
+        """This, and what does not fit the task: it fails an execution where no attempt can help,
+        and has no vote until then."""
+        if not diagnosis.signs:
+            return self
+        vote = False if diagnosis.is_hopeless else None
+        message = f"{diagnosis}: {diagnosis.why}"
+        check = Check(name="plausible", vote=vote, message=message, paper=False)
+        return Evidence(checks=(*self.checks, check))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,6 +224,7 @@ class Execution:
     evidence: Evidence
     belief: Belief
     verdict: Verdict
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
     recovery: Recovery | None = None
     admission: Admission | None = None
 
@@ -301,6 +313,7 @@ class Case:
         KnownMethod, PlainValidator(_is_method), PlainSerializer(lambda method: method.name)
     ]
     colours: Colours | None = None
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
 
 
 class End(StrEnum):
@@ -342,6 +355,19 @@ class Trial:
         """Whether the verdict on Insertion was success: the paper's F."""
         last = self.executions[-1] if self.executions else None
         return last is not None and last.formation is Formation.INSERTION and last.verdict.success
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """What was believed to be so in the end: a fault of the cell that says it, or the last
+        execution's; unknown where a reasoner stopped without a sign."""
+        said = OF_FAULTS.get(self.end_reason)
+        if said is not None:
+            sees = any(look.scene.peg for e in self.executions for look in e.outcome.looks)
+            return Diagnosis(weights={said[sees]: 1.0})
+        last = self.executions[-1].diagnosis if self.executions else Diagnosis()
+        if self.end_reason == End.STOPPED and last.leading is Hypothesis.AS_TOLD:
+            return Diagnosis(weights={Hypothesis.UNKNOWN: 1.0})
+        return last
 
     @property
     def inserted(self) -> bool | None:

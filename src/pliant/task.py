@@ -3,6 +3,7 @@
 import math
 import os
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -291,8 +292,7 @@ def on_level(task: Task, level: Level) -> Task:
 
 def _load_peg(peg: str) -> Task:
     if peg in shipped_pegs():
-        content = (resources.files("pliant") / "pegs" / f"{peg}.yaml").read_bytes()
-        return _peg_task(files.parse_yaml(content, f"peg file '{peg}'"), peg)
+        return _shipped_peg(peg)
     if not _is_file(peg):
         raise unknown("peg", peg, shipped_pegs(), "or the path of a peg file (.yaml)")
     path = located(peg)
@@ -344,6 +344,12 @@ class _Polygon(_PegFile):
 
 _Shape = Annotated[_Circle | _Rectangle | _Polygon, Field(discriminator="shape")]
 _SHAPES: TypeAdapter[_Shape] = TypeAdapter(_Shape)
+
+
+@cache
+def _shipped_peg(name: str) -> Task:
+    content = (resources.files("pliant") / "pegs" / f"{name}.yaml").read_bytes()
+    return _peg_task(files.parse_yaml(content, f"peg file '{name}'"), name)
 
 
 def _peg_task(document: files.Document, name: str) -> Task:

@@ -4,6 +4,7 @@ The loop is an iterator of executions, so that an experiment samples truth betwe
 shows them as they happen, and an environment drives it step by step.
 """
 
+import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
@@ -13,6 +14,7 @@ from functools import partial
 from pliant.belief import Belief, Seen, descent_of
 from pliant.cell import Robot
 from pliant.checks import doubt, slid, sunk
+from pliant.diagnosis import Hypothesis, weighed
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
@@ -109,7 +111,8 @@ class Run:
         goals = self.teaching.goals
         skill = self.method.skill(self.task, self.teaching, self.limits)
         queue = deque(goals.step(formation) for formation in Formation)
-        failures, slid_m, sunk_m = 0, 0.0, 0.0
+        robot.sees_depth = lambda: sunk(self._look(robot).scene)
+        failures, slid_m, sunk_m, seen_z = 0, 0.0, 0.0, math.inf
         while True:
             if not queue:
                 self.end_reason = End.FINISHED
@@ -123,31 +126,43 @@ class Run:
             robot.motions.clear()
             self._begun = step, target
             robot.descent = descent_of(
-                self.belief, self.task, self.teaching, slid_m=slid_m, sunk_m=sunk_m
+                self.belief,
+                self.task,
+                self.teaching,
+                slid_m=slid_m,
+                sunk_m=sunk_m,
+                seen_z=seen_z,
             )
             outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
             self._believe(outcome)
             problem = doubt(
                 self.task, outcome, self.belief, self.teaching, answered=robot.has_answered
             )
-            if problem is not None:
+            signs = self.method.signs(self.task, self.history, outcome, self.belief)
+            diagnosis = weighed(signs)
+            # Of a sensor that has answered and a picture that contradicts it, the picture may lie.
+            lies = robot.has_answered and diagnosis.leading is Hypothesis.CAMERA_WRONG
+            if problem is not None and not lies:
                 robot.halt()
                 raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")
             if robot.has_answered:  # else what is not felt may be the sensor's fault
                 now = slid(self.task, outcome, self.belief, self.teaching)
                 slid_m = slid_m if now is None else now
-            now_m = sunk(outcome)
+            now_m = sunk(outcome.scene) or 0.0
             sunk_m = max(sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
+            seen_z = outcome.pose.z
+            evidence = self.method.check(self.task, outcome, self.belief, self.teaching)
             case = Case(
                 task=self.task,
                 teaching=self.teaching,
                 goals=goals,
                 history=tuple(self.history),
                 outcome=outcome,
-                evidence=self.method.check(self.task, outcome, self.belief, self.teaching),
+                evidence=evidence.with_signs(diagnosis),
                 belief=self.belief,
                 method=self.method,
                 colours=self._sight.colours,
+                diagnosis=diagnosis,
             )
             verdict = self.reasoner.judge(case)
             failures = 0 if verdict.success else failures + 1
@@ -167,6 +182,7 @@ class Run:
                 evidence=case.evidence,
                 belief=case.belief,
                 verdict=verdict,
+                diagnosis=diagnosis,
                 recovery=recovery,
                 admission=admission,
             )
@@ -203,7 +219,5 @@ class Run:
 
     def _believe(self, outcome: Outcome) -> None:
         for look in outcome.looks:
-            seen = Seen(
-                formation=outcome.step.formation, pose=look.observation.pose, scene=look.scene
-            )
+            seen = Seen(step=outcome.step, pose=look.observation.pose, scene=look.scene)
             self.belief = self.method.believe(self.belief, seen, self.teaching)

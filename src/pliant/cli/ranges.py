@@ -55,6 +55,8 @@ class Ranges:
     """Above 0.5: the gripper holds no peg."""
     peg_wider_mm: Range = None
     """How much wider along x the peg is than its file says."""
+    peg_longer_mm: Range = None
+    """How much longer the peg is than its file says."""
     plugged_at_mm: Range = None
     """How far below the surface the hole is plugged."""
     bar_height_mm: Range = None
@@ -65,6 +67,10 @@ class Ranges:
     """How far off every reading of the hole's y is."""
     compression_dead: Range = None
     """Above 0.5: the compression always reads the same."""
+    compression_scale: Range = None
+    """Factor on what the compression reads."""
+    pictures_frozen: Range = None
+    """Above 0.5: after 4 s every camera's picture stays as it is."""
 
     def applied_to(self, name: str) -> Any:
         """The condition as an experiment's field: its name, or its ranges with these in place."""

@@ -110,15 +110,16 @@ def scenarios(rows: Sequence[Document]) -> str:
     """The scenarios' table, a row per scenario, skill set and reasoner: how often it ended as is
     right, and otherwise."""
     beside = _faults_beside(rows)
-    header = ["scenario", "reasoner", *beside, "right is to", "ended so [%]", *_own_beside(rows)]
-    header += ["inserted", "stopped"]
+    header = ["scenario", "reasoner", *beside, "right is to", "ended so [%]"]
+    header += ["diagnosis right [%]", *_own_beside(rows), "inserted", "stopped"]
     header += ["ten failures", "cap", "false accepts", "executions", "simulated time [s]"]
     counted = ("inserted", "stopped", "exhausted", "cap", "false_accepts")
     table = _table(
         header,
         [
             [r["scenario"], shown_name(r), *(str(r.get("faults", 0)) for _ in beside)]
-            + [_RIGHT[r["right"]], _outcome(r, "rightly"), *_own(r, rows)]
+            + [_RIGHT[r["right"]], _outcome(r, "rightly"), _outcome(r, "diagnosed")]
+            + [*_own(r, rows)]
             + [str(r[name]["successes"]) for name in counted]
             + [_number(r["executions"], 1), _number(r["simulated_s"], 0)]
             for r in rows

@@ -5,14 +5,16 @@ A method is stateless, and one for all trials. What a trial needs to remember is
 skill and its belief, which the loop makes and keeps.
 """
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from pliant.belief import Belief, Seen
 from pliant.cell import Robot
+from pliant.diagnosis import Sign
 from pliant.envelope import Limits
 from pliant.formations import Step
 from pliant.pose import Pose
-from pliant.records import Evidence, KnownMethod, Looking, Outcome
+from pliant.records import Evidence, Execution, KnownMethod, Looking, Outcome
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.measure import Colours
@@ -52,6 +54,13 @@ class Method(KnownMethod, Protocol):
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:
         """The belief after one more look."""
+        ...
+
+    def signs(
+        self, task: Task, history: Sequence[Execution], outcome: Outcome, belief: Belief
+    ) -> Sequence[Sign]:
+        """All that so far does not fit the task; `outcome` and `belief` are of the execution that
+        has just ended. A method that does not look for such things has none."""
         ...
 
     def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:

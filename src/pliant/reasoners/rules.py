@@ -19,7 +19,8 @@ class Rules:
     model: str | None = None
 
     def judge(self, case: Case) -> Verdict:
-        """Judge an execution: compression or pose can fail it; else the most precise check that was
+        """Judge an execution: what is certainly not as the task says,
+        compression or pose can fail it; else the most precise check that was
         made decides."""
         votes = case.evidence.votes
         success, decider = _decide(case)
@@ -39,7 +40,7 @@ class Rules:
 
 def _decide(case: Case) -> tuple[bool, Check]:
     evidence = case.evidence
-    for name in ("compression", "pose"):
+    for name in ("plausible", "compression", "pose"):
         check = evidence[name]
         if check is not None and check.vote is False:
             return False, check

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from pliant.conditions import NOMINAL, PAPER_RANGES
+from pliant.diagnosis import Hypothesis
 from pliant.experiment.faults import is_unmeasured
 from pliant.experiment.rows import decided, exchanges, trial_row
 from pliant.records import Trial
@@ -54,6 +55,12 @@ def _way_back(home: str | None) -> Html:
     return tag("nav", tag("a", "← the experiment", href=home), aria_label="Up")
 
 
+def _believed(trial: Trial) -> list[tuple[str, str]]:
+    """What the signs said to be so in the end, where something was not as the task says."""
+    is_told = trial.diagnosis.leading is Hypothesis.AS_TOLD
+    return [] if is_told else [("believed to be so", str(trial.diagnosis))]
+
+
 def _headline(trial: Trial, title: str) -> Html:
     reasoner = trial.reasoner if trial.model is None else f"{trial.reasoner} ({trial.model})"
     measured = not is_unmeasured(trial.end_reason)
@@ -61,6 +68,7 @@ def _headline(trial: Trial, title: str) -> Html:
         ("judged inserted", words.yes_no(trial.judged if measured else None)),
         ("inserted (truth)", words.yes_no(trial.inserted if measured else None)),
         ("end reason", trial.end_reason),
+        *_believed(trial),
         ("reasoner", reasoner),
         ("executions", f"{len(trial.executions)}{of_which(trial.executions)}"),
         ("simulated time", f"{words.number(trial.simulated_s)} s"),

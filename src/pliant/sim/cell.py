@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import TracebackType
 from typing import Self
@@ -239,11 +239,13 @@ class SimRobot:
         )
 
     def _view(self, camera: str, time_s: float) -> View:
-        """A picture now, or the one before with its old time stamp."""
+        """A picture now, or the one before with its old time stamp, or, of a camera that is stuck,
+        with a new one."""
         is_stale = self._stale.uniform() < self.setup.stale
-        if not (is_stale and camera in self._last):
+        is_frozen = self.setup.pictures_frozen > 0.5 and time_s > c.FREEZES_S
+        if not ((is_stale or is_frozen) and camera in self._last):
             self._last[camera] = self.cameras.view(camera, self.data, time_s)
-        return self._last[camera]
+        return replace(self._last[camera], time_s=time_s) if is_frozen else self._last[camera]
 
     def halt(self) -> None:
         """Hold where the joints are: their angles plus the servos' error under the tool's weight,
@@ -303,12 +305,12 @@ class SimRobot:
         ticks = len(path)
         for k in range(ticks):
             self.data.ctrl[:] = path[k]
-            self._control()
-            watched = self._watched()
+            reading = self._control()
+            watched = reading.filtered_m
             peak = max(peak, watched)
             ends = self._wrist.ends(watched, margin)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
-                self._sample(samples, self.compression())
+                self._sample(samples, reading.read_m)
             if ends and stop is Stop.REACHED:
                 stop = Stop.COMPRESSION
                 self._wrist.rest()
@@ -362,7 +364,8 @@ class SimRobot:
         line = float(np.linalg.norm(pose.position() - self._commanded.position()))
         return max(line, self.task.tip_below_hinge * self._commanded.turn_to(pose))
 
-    def _control(self) -> None:
+    def _control(self) -> Reading:
+        """One control period, and what was read at its end."""
         model, data = self.model, self.data
         if is_moving(self.setup, self.clock()):
             for _ in range(_STEPS_PER_CONTROL):
@@ -370,20 +373,22 @@ class SimRobot:
                 mujoco.mj_step(model, data)
         else:
             mujoco.mj_step(model, data, _STEPS_PER_CONTROL)
-        self._sensor.read(self._felt())
+        felt, sensor = self._felt(), self._sensor
+        sensor.read(felt)
         self._controls += 1
         if self._controls % _CONTROLS_PER_FRAME == 0:
             self._keep_frame()
         self._on_step()
         reading = Reading(
             time_s=self.clock(),
-            read_m=self.compression(),
-            filtered_m=self._watched(),
-            margin_m=self._sensor.margin,
+            read_m=felt + sensor.noise - self._tared,
+            filtered_m=sensor.watched(felt) - self._tared,
+            margin_m=sensor.margin,
             noise_m=self.setup.compression_noise,
             along_m=self._along(),
         )
         self._obeyed(partial(self._wrist.read, reading))
+        return reading
 
     def _obeyed(self, ask: Callable[[], None]) -> None:
         """Ask the wrist's watch by a call, and halt where it finds a fault."""

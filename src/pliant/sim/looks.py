@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from statistics import NormalDist
 
 import cv2
 import mujoco
@@ -29,6 +30,7 @@ _PAINTED = ("peg", "block", "table", "backdrop")
 _TELL_APART = 0.35  # between neighbours' colours, RGB in 0..1: what no camera sees is no test
 _BACKDROP_AT, _BACKDROP_HALF = 1.6, 3.0  # [m] behind the scene, from the camera
 _POST_AT = 0.3  # [m] from the hole's axis toward the camera
+_QUANTILES = 1 << 16  # of noise
 _ON = 0.5  # a quantity that is 0 or 1 counts as 1 above
 
 
@@ -164,8 +166,16 @@ def noisy(looks: Looks, image: NDArray[np.uint8], random: np.random.Generator) -
     """A picture with the looks' noise."""
     if not looks.noise:
         return image
-    noise = random.standard_normal(image.shape, dtype=np.float32) * np.float32(looks.noise)
-    return np.clip(image + noise, 0, 255).round().astype(np.uint8)
+    steps = np.rint(looks.noise * _normal()).astype(np.int16)
+    drawn = random.integers(len(steps), size=image.shape, dtype=np.uint16)
+    return np.asarray(cv2.add(image, steps[drawn], dtype=cv2.CV_8U), np.uint8)
+
+
+@cache
+def _normal() -> NDArray[np.float64]:  # (65536,)
+    """A standard normal variable's quantiles: to draw of them is four times as fast."""
+    quantile = NormalDist().inv_cdf
+    return np.array([quantile((k + 0.5) / _QUANTILES) for k in range(_QUANTILES)])
 
 
 def _paint(looks: Looks, scene: mujoco.MjvScene, model: mujoco.MjModel) -> None:

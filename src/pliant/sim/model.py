@@ -24,6 +24,7 @@ from pliant.sim.board import (
 )
 from pliant.sim.gripper import closed_on
 from pliant.sim.looks import add_textures
+from pliant.sim.meshes import coarsen
 from pliant.task import BLOCK_SIZE, Peg, Task
 
 ARM_JOINTS = (
@@ -99,6 +100,7 @@ def _built(task: Task) -> mujoco.MjModel:
     strange.add(spec, task, PEG, BOARD)
     model = spec.compile()
     strange.put_away(model)
+    coarsen(model)
     return model
 
 
@@ -110,7 +112,7 @@ def _options(spec: mujoco.MjSpec) -> None:
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     width, height = c.IMAGE_SIZE
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
-    spec.visual.quality.offsamples = 4
+    spec.visual.quality.offsamples = 0  # `render.Cameras` sets it
     spec.visual.quality.shadowsize = 0
     spec.visual.map.znear, spec.visual.map.zfar = 0.05, 20.0
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]

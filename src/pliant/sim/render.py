@@ -2,7 +2,7 @@
 
 import math
 import weakref
-from itertools import pairwise
+from itertools import pairwise, product
 
 import mujoco
 import numpy as np
@@ -19,18 +19,28 @@ from pliant.sim.model import SPRINGS
 CAMERAS = c.CAMERAS
 _COILS, _SEGMENTS_PER_COIL, _COIL_RADIUS, _WIRE_RADIUS = 5, 10, 0.0065, 0.0011
 _SPRING_RGBA = np.array([0.85, 0.65, 0.15, 1.0], np.float32)
+_ROUND = mujoco.mjtGeom.mjGEOM_CYLINDER
+_ENDS = ("bottom", "top")  # of a spring
+_UNSEEN = 5  # a geom group that is not drawn
+_BEYOND = 0.02  # of its distance, how far outside a picture a thing is drawn: cameras shift
+_SAMPLES = 4  # of a pixel, where edges are measured to a part of one (docs/speed.md)
 
 
 class Cameras:
     """Draws a model's cameras. The renderer is made at the first picture and kept.
 
-    `enlarged` draws images that many times as wide and high; the model must allow it.
+    What a camera cannot see is left out. Pictures of random looks, which are measured by edges and
+    by the learned sight, are multi-sampled; those of nominal looks, measured by colour, are not.
+    `enlarged` draws images that many times as wide and high, never multi-sampled; the model must
+    allow it.
     """
 
     def __init__(self, model: mujoco.MjModel, *, enlarged: int = 1) -> None:
         self._model = model
         self._size = c.IMAGE_SIZE[0] * enlarged, c.IMAGE_SIZE[1] * enlarged
         self._renderer: mujoco.Renderer | None = None
+        self._samples = _SAMPLES if enlarged == 1 else 0  # of random looks
+        self._corners = _corners(model)
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = 0
         self._calibrations = {name: _calibration(model, name) for name in CAMERAS}
@@ -39,6 +49,10 @@ class Cameras:
     def dress(self, setup: Setup) -> None:
         """Let everything look as a trial's setup says, from the next picture on."""
         self._setup, self._looks = setup, looks.looks_of(setup)
+        samples = self._samples if self._looks.paints else 0
+        if samples != self._model.vis.quality.offsamples:
+            self.close()
+            self._model.vis.quality.offsamples = samples
 
     def view(self, name: str, data: mujoco.MjData, time_s: float) -> View:
         """A picture now, with the camera's nominal calibration.
@@ -54,16 +68,36 @@ class Cameras:
 
     def image(self, name: str, data: mujoco.MjData) -> NDArray[np.uint8]:  # (height, width, 3)
         """The picture that the camera sees, without noise."""
-        renderer = self._ready()
+        renderer, groups = self._ready(), self._model.geom_group
+        turns = data.geom_xmat.reshape(-1, 3, 3)
+        places = data.geom_xpos[:, None] + self._corners @ turns.transpose(0, 2, 1)
+        shown = groups.copy()
+        groups[~self._in_view(name, data, places)] = _UNSEEN
         renderer.update_scene(data, camera=name, scene_option=self._options)
+        groups[:] = shown
         scene = renderer.scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        for k in range(SPRINGS):
-            top, bottom = data.site(f"spring{k}_top").xpos, data.site(f"spring{k}_bottom").xpos
+        scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not self._looks.paints  # behind a backdrop
+        ends = np.array(
+            [[data.site(f"spring{k}_{end}").xpos for end in _ENDS] for k in range(SPRINGS)]
+        )
+        for bottom, top in ends[self._in_view(name, data, ends)]:
             _draw_spring(scene, bottom, top)
         looks.dress(self._looks, scene, self._model, name)
         return renderer.render().copy()
+
+    def _in_view(
+        self, name: str, data: mujoco.MjData, points: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:  # (n,)
+        """Which things, each within the hull of its points (n, m, 3) [m], a camera may see."""
+        camera = self._model.camera(name).id
+        seen = (points - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)
+        steep = math.tan(math.radians(float(self._model.cam_fovy[camera])) / 2)
+        aspect = c.IMAGE_SIZE[0] / c.IMAGE_SIZE[1]
+        reach = np.array([steep * aspect + _BEYOND, steep + _BEYOND]) * -seen[..., 2:]
+        off = np.stack([seen[..., :2] - reach, -seen[..., :2] - reach])  # of each border
+        return np.asarray(~(off > 0).all(axis=-2).any(axis=0).any(axis=-1))
 
     def close(self) -> None:
         if self._renderer is not None:
@@ -86,6 +120,12 @@ class Cameras:
         return self._renderer
 
 
+def _corners(model: mujoco.MjModel) -> NDArray[np.float64]:  # (ngeom, 8, 3) [m]
+    """The corners of the box around each geom, in its own frame."""
+    middle, half = model.geom_aabb[:, None, :3], model.geom_aabb[:, None, 3:]
+    return np.asarray(middle + half * np.array(list(product((-1.0, 1.0), repeat=3))))
+
+
 def _calibration(model: mujoco.MjModel, name: str) -> Camera:
     width, height = c.IMAGE_SIZE
     camera = model.camera(name)
@@ -106,7 +146,7 @@ def _calibration(model: mujoco.MjModel, name: str) -> Camera:
 def _draw_spring(
     scene: mujoco.MjvScene, bottom: NDArray[np.float64], top: NDArray[np.float64]
 ) -> None:
-    """Draw a helix between two points, as short capsules that belong to the picture only."""
+    """Draw a helix between two points, as short bars that belong to the picture only."""
     axis = top - bottom
     side = np.cross(axis, [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)
@@ -119,15 +159,10 @@ def _draw_spring(
         + s[:, None] * axis
         + _COIL_RADIUS * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * other)
     )
+    nowhere, unturned = np.zeros(3), np.eye(3).ravel()
     for start, end in pairwise(points):
         geom = scene.geoms[scene.ngeom]
-        mujoco.mjv_initGeom(
-            geom,
-            mujoco.mjtGeom.mjGEOM_CAPSULE,
-            np.zeros(3),
-            np.zeros(3),
-            np.eye(3).ravel(),
-            _SPRING_RGBA,
-        )
-        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, _WIRE_RADIUS, start, end)
+        mujoco.mjv_initGeom(geom, _ROUND, nowhere, nowhere, unturned, _SPRING_RGBA)
+        mujoco.mjv_connector(geom, _ROUND, _WIRE_RADIUS, start, end)
+        geom.type = mujoco.mjtGeom.mjGEOM_BOX  # of 12 triangles: a wire is two pixels wide
         scene.ngeom += 1

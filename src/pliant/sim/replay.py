@@ -1,8 +1,6 @@
 """A trial drawn again from its stored joint positions, after it has ended.
 
-Asking for a video thus does not slow a trial. The robot's meshes are drawn coarser than in the
-trial's own pictures, and edges are smoothed by shrinking: half the time, and hardly to be told
-apart.
+Asking for a video thus does not slow a trial. Edges are smoothed by drawing larger and shrinking.
 """
 
 import io
@@ -29,8 +27,6 @@ from pliant.task import Task
 
 FILE = "trajectory.npz"
 _ENLARGED = 2  # times as wide and high, before it is shrunk
-_GRID = 0.0015  # [m] vertices in one cell of this size become one
-_LEAST_FACES = 500  # a mesh with fewer stays as it is
 _SETUP = "setup_"
 _NPY = ".npy"
 _MOST_BYTES = 1 << 27  # of a trajectory, packed or not: an hour's is a tenth of it
@@ -150,28 +146,7 @@ class Replay:
 
 
 def _hasten(model: mujoco.MjModel) -> None:
-    """Have a model drawn larger instead of multi-sampled, and with fewer triangles."""
+    """Have a model drawn larger, and with fewer triangles."""
     quality, size = model.vis.quality, model.vis.global_
-    quality.offsamples, quality.numslices, quality.numstacks = 0, 20, 4
+    quality.numslices, quality.numstacks = 20, 4
     size.offwidth, size.offheight = (n * _ENLARGED for n in c.IMAGE_SIZE)
-    for mesh in range(model.nmesh):
-        if int(model.mesh_facenum[mesh]) >= _LEAST_FACES:
-            _coarsen(model, mesh)
-
-
-def _coarsen(model: mujoco.MjModel, mesh: int) -> None:
-    """Merge a mesh's vertices that lie close together, in the compiled model's own arrays."""
-    first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-    start = int(model.mesh_vertadr[mesh])
-    vertices = model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])]
-    cells = np.round(vertices / _GRID).astype(np.int64)
-    _, chosen, cell_of = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    faces = chosen[cell_of.ravel()][model.mesh_face[first : first + count]]
-    i, j, k = faces.T
-    whole = (i != j) & (j != k) & (k != i)
-    kept = int(np.count_nonzero(whole))
-    model.mesh_face[first : first + kept] = faces[whole]
-    model.mesh_facenormal[first : first + kept] = model.mesh_facenormal[first : first + count][
-        whole
-    ]
-    model.mesh_facenum[mesh] = kept

@@ -22,6 +22,7 @@ class Sensor:
 
     def __init__(self, setup: Setup, slide: float) -> None:
         self._sd = setup.compression_noise
+        self._hangs, self._scale = slide, setup.compression_scale
         self._dead_at = slide if setup.compression_dead > _ON else None
         self._random = setup.stream("compression_noise")
         self._filtered = slide
@@ -32,7 +33,9 @@ class Sensor:
 
     def felt(self, slide: float) -> float:
         """The slide [m] that the sensor feels for the one that is truly there."""
-        return slide if self._dead_at is None else self._dead_at
+        if self._dead_at is not None:
+            return self._dead_at
+        return self._hangs + self._scale * (slide - self._hangs) if self._scale != 1.0 else slide
 
     def read(self, slide: float) -> None:
         """Take a reading of the slide, which is felt there."""

@@ -14,7 +14,7 @@ from pliant.sim import constants as c
 from pliant.task import Task
 
 STRANGE = _WRONG_PEG, _PLUG, _BAR = "wrong_peg", "plug", "bar"  # bodies
-_BUILT = "built"  # the right peg's mass and inertia, and half its width along x
+_BUILT = "built"  # the right peg's mass and inertia, half its width along x, half its length
 _SHOWN, _HIDDEN = 0, 3  # geom groups: MuJoCo draws the first three
 _LEFT = 1e-3  # share of the peg's mass that stays where there is none
 _PLUG_HALF = 0.03  # [m] of its height
@@ -26,10 +26,12 @@ _ON = 0.5  # a quantity that is 0 or 1 counts as 1 above
 def add(spec: mujoco.MjSpec, task: Task, peg: str, board: str) -> None:
     """Add the strange things to the bodies of the right peg and of the board."""
     half_x, half_y = task.peg.half_extents
-    spec.add_numeric(name=_BUILT, data=[0.0, 0.0, 0.0, 0.0, half_x])
-    most = {name: QUANTITIES[name].valid[1] / 2 for name in ("peg_wider", "bar_height")}
+    spec.add_numeric(name=_BUILT, data=[0.0, 0.0, 0.0, 0.0, half_x, task.peg.length / 2])
+    most = {
+        name: QUANTITIES[name].valid[1] / 2 for name in ("peg_wider", "peg_longer", "bar_height")
+    }
     half = task.peg.length / 2
-    wrong = (half_x + most["peg_wider"], half_y, half)
+    wrong = (half_x + most["peg_wider"], half_y, half + most["peg_longer"])
     below = task.peg_top_above_grasp - half
     _add_box(spec.body(peg), _WRONG_PEG, wrong, c.PEG_RGBA, c.PEG_BITS, z=below)
     walls = task.hole.clearance / 2 + _INTO_WALLS
@@ -68,8 +70,8 @@ def put_away(model: mujoco.MjModel) -> None:
 
 def bring_out(model: mujoco.MjModel, setup: Setup) -> None:
     """Bring out the strange things of a setup, and put the rest away."""
-    peg, (mass, *inertia, half_x) = _right_peg(model), model.numeric(_BUILT).data
-    missing, wrong = setup.peg_missing > _ON, setup.peg_wider > 0.0
+    peg, (mass, *inertia, half_x, half_z) = _right_peg(model), model.numeric(_BUILT).data
+    missing, wrong = setup.peg_missing > _ON, bool(setup.peg_wider or setup.peg_longer)
     first = int(peg.geomadr[0])
     for geom in range(first, first + int(peg.geomnum[0])):
         _show(model, geom, c.PEG_BITS, not (missing or wrong))
@@ -77,7 +79,8 @@ def bring_out(model: mujoco.MjModel, setup: Setup) -> None:
     peg.mass[:], peg.inertia[:] = share * mass, share * np.array(inertia)
     other, plug, bar = (model.geom(name) for name in (_WRONG_PEG, _PLUG, _BAR))
     _show(model, other.id, c.PEG_BITS, wrong and not missing)
-    other.size[0] = half_x + setup.peg_wider / 2
+    other.size[0], other.size[2] = half_x + setup.peg_wider / 2, half_z + setup.peg_longer / 2
+    other.pos[2] = -setup.peg_longer / 2  # its top stays where it is
     _show(model, plug.id, c.HOLE_BITS, setup.plugged_at > 0.0)
     model.body(_PLUG).pos[2] = -setup.plugged_at - _PLUG_HALF
     _show(model, bar.id, c.HOLE_BITS, setup.bar_height > 0.0)

@@ -18,8 +18,9 @@ from pliant.vision.lines import (
     STRETCH,
     Floats,
     Pair,
-    Step,
+    averaged,
     fit_pair,
+    in_order,
     level,
     peaks,
     unrolled,
@@ -34,6 +35,7 @@ from pliant.vision.seen import hole_seen, peg_seen, shifted
 
 _BLUR = 0.8  # [px] against noise
 _PIECE = 12  # [px] of an edge that is averaged
+_ASIDE = 7  # [px] of an edge, where its steps are looked for
 _HOLE_REACH = 0.037  # [m] how far the hole's centre may be from nominal along y
 _BOARD_REACH = 0.012  # [m] and the surface along z
 _MOST_ROLL = math.radians(0.6)  # of the camera
@@ -119,8 +121,9 @@ def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Bloc
     top, up_down = _row(camera, -offset.z.value), (_BOARD_REACH + offset.reach) * scale
     outer, face = _block_at(camera, yaw, -offset.y.value)
     rows = slice(round(top + up_down), camera.height - 6)
-    uprights = upright(picture, piece=_PIECE)
-    column = uprights[rows][_PIECE // 2 :: _PIECE].mean(axis=0)
+    first = max(0, round(top - up_down) - 2 * _PIECE)  # above it nothing is looked at
+    uprights = upright(picture[first:], piece=_PIECE)
+    column = uprights[rows.start - first : rows.stop - first][_PIECE // 2 :: _PIECE].mean(axis=0)
     slack = round((_HOLE_REACH + offset.reach) * scale)
     pair = _pair(picture, column, rows, outer, slack)
     if outer[1] - outer[0] - (face[1] - face[0]) > _TURNED_PX:
@@ -137,7 +140,7 @@ def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Bloc
                 pair = wider
     if pair is None:
         return None
-    found = _block_top(picture, uprights, pair, top, up_down)
+    found = _block_top(picture, uprights, first, pair, top, up_down)
     if found is None:
         return None
     top_row, top_sd = found
@@ -163,16 +166,17 @@ def _pair(
     near = _uprights_at(column, left, right, slack)
     if near is None:
         return None
-    points: list[Step] = []
     pieces = range(rows.start, rows.stop - _PIECE, _PIECE)
-    for row in pieces:
-        profile = picture[row : row + _PIECE].mean(axis=0)
-        for line, column_at in enumerate(near):
-            points += [
-                (line, place + 0.5, row + _PIECE / 2, weight(step))
-                for place, step in peaks(profile, column_at, 3.5)
-            ]
-    pair = fit_pair(points, right - left, _MOST_ROLL)
+    lines = []
+    for line, at_column in enumerate(near):
+        beside = slice(max(0, at_column - _ASIDE), at_column + _ASIDE + 1)
+        profiles = averaged(picture[:, beside], rows.start, len(pieces), _PIECE)
+        found = peaks(profiles, at_column - beside.start, 3.5)
+        at_row = rows.start + _PIECE * found.profile + _PIECE / 2
+        places = found.place + beside.start + 0.5
+        which = np.full(len(places), line)
+        lines.append(np.column_stack([which, places, at_row, weight(found.step)]))
+    pair = fit_pair(in_order(lines), right - left, _MOST_ROLL)
     if pair is None or pair.support < _LEAST_SUPPORT * len(pieces):
         return None
     return pair
@@ -206,27 +210,27 @@ def _uprights_at(column: Floats, left: float, right: float, slack: int) -> tuple
 
 
 def _block_top(
-    picture: Floats, uprights: Floats, pair: Pair, expected: float, reach: float
+    picture: Floats, uprights: Floats, first: int, pair: Pair, expected: float, reach: float
 ) -> tuple[float, float] | None:
-    """The (row, sd) [px] of the block's top: a level edge, above which its upright edges end."""
+    """The (row, sd) [px] of the block's top: a level edge, above which its upright edges end, whose
+    strengths are given from a `first` row on."""
     low, high = round(expected - reach), round(expected + reach)
     left, right = round(pair.left), round(pair.right)
-    levels = level(picture, piece=_PIECE)
+    levels = level(picture[low - 1 : high + 1], piece=_PIECE)[1:-1]
     edge = levels[:, left + _PIECE : right - _PIECE : _PIECE].mean(axis=1)
     sides = [uprights[:, c - 1 : c + 2].max(axis=1) for c in (left, right)]
     weaker = np.minimum(sides[0], sides[1])
-    rows = np.arange(low, high)
+    rows = np.arange(low - first, high - first)
     ends = weaker[rows + _PIECE // 2 + 2] - weaker[rows - _PIECE // 2 - 2]
-    score = edge[rows] + 0.5 * ends
+    score = edge + 0.5 * ends
     at = low + int(np.argmax(score))
-    places: list[float] = []
-    for column in range(left + 4, right - 4 - _PIECE, _PIECE):
-        profile = picture[at - 8 : at + 9, column : column + _PIECE].mean(axis=1)
-        places += [at - 8 + place + 0.5 for place, _ in peaks(profile, 8, 3.0)]
+    columns = np.arange(left + 4, right - 4 - _PIECE, _PIECE)
+    around = picture[at - 8 : at + 9, columns[:, None] + np.arange(_PIECE)].mean(axis=2)
+    places = at - 8 + peaks(around.transpose(1, 0, 2), 8, 3.0).place + 0.5
     if len(places) < 3:
         return None
     row = float(np.median(places))
-    spread = 1.5 * float(np.median(np.abs(np.array(places) - row)))
+    spread = 1.5 * float(np.median(np.abs(places - row)))
     return row, max(0.2, 1.25 * spread / math.sqrt(len(places)))
 
 

@@ -16,52 +16,81 @@ from pliant.cell import Camera
 
 Floats = NDArray[np.float32]
 Points = NDArray[np.float64]  # (n, 2) pixels, column and row
-Step = tuple[int, float, float, float]
-"""A point on an edge: on which of two lines (0, 1), column, row, weight."""
+Steps = NDArray[np.float64]
+"""Points on edges (n, 4): on which of two lines (0, 1), column, row, weight."""
 
 STRETCH = 0.015  # of a width, where things or the camera are nearer or farther
 _CLIP, _CLEAR = 30.0, 6.0  # [grey levels a pixel] steps count up to, and half at
 _SAME_LINE = 0.9  # [px] from a line
 _SLOPES = 41  # that are tried
+_SUM = np.ones((1, 3), np.float32)  # of a colour's channels
 _LEAST_STEP, _NOT_MUCH_WEAKER = 0.8, 0.4  # [grey levels a pixel]; share of the strongest
 
 
 def upright(picture: Floats, *, piece: int) -> Floats:
     """The strength of an upright edge around each pixel, over `piece` rows: 0 to 1."""
-    return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 1, 0)), (1, piece)))
+    return strength(cv2.blur(derivative(picture, 1, 0), (1, piece)))
 
 
 def level(picture: Floats, *, piece: int) -> Floats:
     """The strength of a level edge around each pixel, over `piece` columns: 0 to 1."""
-    return strength(cv2.blur(clipped(cv2.Scharr(picture, cv2.CV_32F, 0, 1)), (piece, 1)))
+    return strength(cv2.blur(derivative(picture, 0, 1), (piece, 1)))
 
 
-def clipped(derivative: NDArray[Any]) -> Floats:
-    """A Scharr derivative in grey levels a pixel; steep steps count no more than clear ones."""
-    return np.asarray(np.clip(derivative / 32, -_CLIP, _CLIP), np.float32)
+def derivative(picture: Floats, across: int, down: int) -> Floats:
+    """A derivative in grey levels a pixel, `across` or `down`; steep steps count no more than clear
+    ones."""
+    steps = np.asarray(cv2.Scharr(picture, cv2.CV_32F, across, down, scale=1 / 32), np.float32)
+    return np.clip(steps, -_CLIP, _CLIP, out=steps)
 
 
 def strength(mean: NDArray[Any]) -> Floats:
     """The strength, 0 to 1, of an edge whose derivative has this mean along a piece (h, w, 3)."""
-    step = np.sqrt(np.einsum("ijk,ijk->ij", mean, mean))
-    return np.asarray(step / (step + _CLEAR), np.float32)
+    step = cv2.sqrt(cv2.transform(cv2.multiply(mean, mean), _SUM))
+    return np.asarray(step / (step + np.float32(_CLEAR)), np.float32)
 
 
-def peaks(profile: Floats, around: float, reach: float) -> list[tuple[float, float]]:
-    """The (place, strength) of the steps in a profile (n, channels) near an index, to a part of a
-    pixel: all that are not much weaker than the strongest."""
-    rises = np.empty_like(profile)  # np.gradient takes three times as long on so few values
-    rises[1:-1] = (profile[2:] - profile[:-2]) / 2
-    rises[0], rises[-1] = profile[1] - profile[0], profile[-1] - profile[-2]
-    steps = np.sqrt(np.einsum("ij,ij->i", rises, rises))
-    low, high = max(1, math.ceil(around - reach)), min(len(steps) - 2, math.floor(around + reach))
-    here, before, after = steps[low : high + 1], steps[low - 1 : high], steps[low + 1 : high + 2]
-    tops = np.flatnonzero((here >= before) & (here > after) & (here > _LEAST_STEP))
-    if not len(tops):
-        return []
-    tops = tops[here[tops] > _NOT_MUCH_WEAKER * np.max(here[tops])]
-    shift = 0.5 * (before - after)[tops] / (before + after - 2 * here)[tops]
-    return list(zip((low + tops + shift).tolist(), here[tops].tolist(), strict=True))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Peaks:
+    """Steps that were found in profiles, one by one (n,): in which profile, at which index, to a
+    part of a pixel, and how strong [grey levels a pixel]."""
+
+    profile: NDArray[np.intp]
+    place: Points
+    step: Points
+
+
+def peaks(profiles: Floats, around: float, reach: float) -> Peaks:
+    """The steps in profiles (n, m, channels) near an index: in each all that are not much weaker
+    than its strongest. Profile by profile, and along it."""
+    rises = np.empty_like(profiles)  # np.gradient takes three times as long on so few values
+    rises[:, 1:-1] = (profiles[:, 2:] - profiles[:, :-2]) / 2
+    rises[:, 0], rises[:, -1] = profiles[:, 1] - profiles[:, 0], profiles[:, -1] - profiles[:, -2]
+    steps = np.sqrt(np.einsum("nij,nij->ni", rises, rises))
+    low, high = (
+        max(1, math.ceil(around - reach)),
+        min(steps.shape[1] - 2, math.floor(around + reach)),
+    )
+    here, before, after = (steps[:, low + by : high + 1 + by] for by in (0, -1, 1))
+    tops = (here >= before) & (here > after) & (here > _LEAST_STEP)
+    strongest = np.max(here, axis=1, initial=0.0, where=tops)
+    which, along = np.nonzero(tops & (here > _NOT_MUCH_WEAKER * strongest[:, None]))
+    left, middle, right = (values[which, along] for values in (before, here, after))
+    shift = 0.5 * (left - right) / (left + right - 2 * middle)
+    return Peaks(profile=which, place=low + along + shift, step=middle.astype(np.float64))
+
+
+def averaged(picture: Floats, first: int, pieces: int, piece: int) -> Floats:
+    """The profiles (pieces, width, channels) of so many pieces of `piece` rows each from a row
+    on."""
+    rows = picture[first : first + pieces * piece]
+    return np.asarray(rows.reshape(pieces, piece, *picture.shape[1:]).mean(axis=1))
+
+
+def in_order(lines: list[Steps]) -> Steps:
+    """The points of several lines, row by row."""
+    points = np.concatenate(lines)
+    return points[np.argsort(points[:, 2], kind="stable")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,26 +106,27 @@ class Pair:
     support: float  # sum of weights on the weaker line
 
 
-def fit_pair(points: list[Step], width: float, most_slope: float) -> Pair | None:
+def fit_pair(points: Steps, width: float, most_slope: float) -> Pair | None:
     """Lines through edge points: which line (0, 1), x, y, weight. First the most points that two
     lines just so far apart share, then the best fit to these. None: too few agree, or they are not
     that far apart."""
     if len(points) < 4:
         return None
-    side, x, y, counts = np.array(points).T
+    side, x, y, counts = points.T
     y0 = (float(np.min(y)) + float(np.max(y))) / 2
     slopes = np.linspace(-most_slope, most_slope, _SLOPES)
     middles = (x + np.where(side == 0, 0.5, -0.5) * width) - slopes[:, None] * (y - y0)
     grid = np.arange(np.min(middles), np.max(middles) + 0.5, 0.5)
     near = np.abs(middles[:, None, :] - grid[:, None]) < _SAME_LINE + STRETCH * width / 2
-    votes = np.minimum(*(near @ (counts * (side == line)) for line in (0, 1)))
+    lines, counted = (side == 0, side == 1), near.astype(np.float64)
+    votes = np.minimum(*(counted @ (counts * on) for on in lines))
     steepness, place = np.unravel_index(int(np.argmax(votes)), votes.shape)
     used = np.where(near[steepness, place], counts, 0.0)
-    matrix = np.column_stack([side == 0, side == 1, y - y0]).astype(float)
+    matrix = np.column_stack([*lines, y - y0]).astype(float)
     off = np.zeros(len(x))
     solution = np.zeros(3)
     for _ in range(5):
-        if min(len(np.unique(y[(used > 0) & (side == line)])) for line in (0, 1)) < 2:
+        if not all(_has_length(y[(used > 0) & on]) for on in lines):
             return None
         root = np.sqrt(used)
         solution = np.linalg.lstsq(matrix * root[:, None], x * root, rcond=None)[0]
@@ -117,12 +147,17 @@ def fit_pair(points: list[Step], width: float, most_slope: float) -> Pair | None
         at=y0,
         place_sd=float(np.sqrt((covariance[0, 0] + covariance[1, 1] + 2 * covariance[0, 1]) / 4)),
         slope_sd=float(np.sqrt(covariance[2, 2])),
-        support=float(min(np.sum(counts[kept & (side == line)]) for line in (0, 1))),
+        support=float(min(np.sum(counts[kept & on]) for on in lines)),
     )
 
 
-def weight(step: float) -> float:
-    """The weight with which a step counts, 0 to 1."""
+def _has_length(along: NDArray[np.float64]) -> bool:
+    """Whether points at these places (n,) along it make a line."""
+    return len(along) > 0 and bool(np.min(along) < np.max(along))
+
+
+def weight(step: Points) -> Points:
+    """The weight with which each step counts, 0 to 1."""
     return step / (step + _CLEAR)
 
 
@@ -154,7 +189,7 @@ class Strip:
     def rows(self) -> Floats:
         """The picture's row [px] at each of the strip's pixels."""
         height, width = self.picture.shape[:2]
-        down, across = np.mgrid[:height, :width].astype(np.float32)
+        across, down = np.arange(width), np.arange(height)[:, None]
         off = self._turn[1, 0] * (across + 0.5 - self._at[0])
         return np.asarray(
             self._centre[1] + off + self._turn[1, 1] * (down + 0.5 - self._at[1]), np.float32

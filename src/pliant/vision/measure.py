@@ -76,6 +76,8 @@ _SAMPLED = 40  # of an edge's points, through pairs of which lines are tried
 _HIDDEN = 0.8  # [px] further in than the edge: hidden by something
 _PIXEL_SD = 0.35  # [px] of one edge's place: the width of a mask's staircase
 _SEEN_FROM_ABOVE = 0.001  # [m] so far below the camera, the board's top face is seen
+_LENGTH_SD = 0.001  # [m] of a peg in the air
+_WIDTH_SD = 0.0005  # [m] of a peg, and what a mask leaves out of its edges
 _TILT_SD = math.radians(0.17)  # [rad] of a fully visible 90 mm peg
 
 
@@ -246,6 +248,12 @@ def _peg(
     top_px = middle + np.max((relative @ axis)[near_axis]) * axis
     near_x = task.peg.front(0.3 * task.peg.half_extents[1], hand_yaw)
     _, top_z = camera.on_plane_x(float(top_px[0]), float(top_px[1]), near_x)
+    lowest_px = middle + np.min((relative @ axis)[near_axis]) * axis
+    longer = None
+    if hole is not None and lowest_px[1] < min(v for _, v in hole.box_px) - _EDGE_MARGIN:
+        _, lowest_z = camera.on_plane_x(float(lowest_px[0]), float(lowest_px[1]), near_x)
+        seen = (top_z - lowest_z) / math.cos(tilt)
+        longer = Measured(value=seen - task.peg.length, sd=_LENGTH_SD)
     # Its place along y: where the axis, measured on the silhouette's plane, reaches that height.
     y0, z0 = axis_between(camera, left_point, right_point, tilt, task.peg, hand_yaw)
     lean = math.tan(tilt)
@@ -269,6 +277,8 @@ def _peg(
         left_z=tip_z + left * math.sin(tilt),
         right_y=tip_y + right * math.cos(tilt),
         right_z=tip_z + right * math.sin(tilt),
+        longer=longer,
+        wider=width_between(camera, left_point, right_point, tilt, task.peg, hand_yaw),
     )
 
 
@@ -277,9 +287,36 @@ def axis_between(
 ) -> tuple[float, float]:  # (y, z) [m]
     """A point on the axis of the peg that is turned by `yaw` and leans by `tilt` [rad] to the left,
     from a pixel on its left and one on its right edge."""
+    return between(camera, left, right, tilt, _edges_seen(camera, left, right, peg, yaw))
+
+
+def width_between(
+    camera: Camera,
+    left: Points,
+    right: Points,
+    tilt: float,
+    peg: Peg,
+    yaw: float = 0.0,
+    *,
+    nearer: float = 0.0,
+) -> Measured:
+    """The width [m] by which a peg that is turned by `yaw` and leans by `tilt` [rad] to the left
+    looks wider than the task's peg would, from a pixel on its left and one on its right edge. It
+    stands `nearer` [m] to the camera than the plane of insertion."""
+    (left_y, left_x), (right_y, right_x) = _edges_seen(camera, left, right, peg, yaw)
+    y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
+    y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
+    seen = (y_right - y_left) * math.cos(tilt) + (z_right - z_left) * math.sin(tilt)
+    seen += camera.metres_per_pixel(peg.silhouette_x)  # a mask's outline runs through pixel centres
+    seen *= 1 - nearer / float(camera.position[0])
+    return Measured(value=seen - (right_y - left_y), sd=_WIDTH_SD)
+
+
+def _edges_seen(
+    camera: Camera, left: Points, right: Points, peg: Peg, yaw: float
+) -> tuple[Place, Place]:
     slopes = [(point[0] - camera.width / 2) / camera.focal_px for point in (left, right)]
-    edges = peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
-    return between(camera, left, right, tilt, edges)
+    return peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
 
 
 def between(

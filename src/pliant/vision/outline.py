@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pliant.cell import Camera, View
 from pliant.task import BLOCK_SIZE
 from pliant.vision.least_squares import Unknown, minimise
-from pliant.vision.lines import Floats, clipped, peaks, strength, weight
+from pliant.vision.lines import Floats, derivative, peaks, strength, weight
 from pliant.vision.scene import Measured
 
 _BLUR = 0.8  # [px] against noise
@@ -137,7 +137,7 @@ class _Strengths:
 
     def __init__(self, picture: Floats) -> None:
         small = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        self._steps = [clipped(cv2.Scharr(small, cv2.CV_32F, *d)) for d in ((1, 0), (0, 1))]
+        self._steps = [derivative(np.asarray(small, np.float32), *d) for d in ((1, 0), (0, 1))]
         self._maps: dict[int, Floats] = {}
 
     def around(self, side: _Side, half: NDArray[np.int_]) -> Floats:
@@ -175,24 +175,28 @@ def _fit(
     sides = _sides(_corners(camera, start), _FIT_PIECE)
     reach = math.ceil(near) + 3
     offsets, wide = np.arange(-reach, reach + 1), np.arange(-4, 5)
-    places: list[NDArray[np.float64]] = []
-    which: list[int] = []
-    weights: list[float] = []
+    found: list[NDArray[np.float64]] = []
+    which: list[NDArray[np.int_]] = []
+    steps: list[NDArray[np.float64]] = []
     empty = 0
     for number, side in enumerate(sides):
         along = np.array([side.normal[1], -side.normal[0]])
         strip = offsets[:, None, None] * side.normal + wide[None, :, None] * along
-        for point in side.points:
-            grid = (point - 0.5 + strip).astype(np.float32)
-            profile = cv2.remap(picture, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR).mean(axis=1)
-            steps = peaks(profile, reach, near)
-            empty += not steps
-            places += [point + (place - reach) * side.normal for place, _ in steps]
-            which += [number] * len(steps)
-            weights += [weight(step) for _, step in steps]
+        grid = (side.points[:, None, None] - 0.5 + strip).astype(np.float32)
+        flat = grid.reshape(-1, len(wide), 2)
+        profiles = cv2.remap(picture, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR).mean(axis=1)
+        seen = peaks(profiles.reshape(len(side.points), len(offsets), -1), reach, near)
+        empty += len(side.points) - len(np.unique(seen.profile))
+        found.append(side.points[seen.profile] + (seen.place - reach)[:, None] * side.normal)
+        which.append(np.full(len(seen.profile), number))
+        steps.append(seen.step)
     if empty > _MOST_EMPTY * sum(len(side.points) for side in sides):
         return None
-    points, lines, counts = np.array(places), np.array(which), np.array(weights)
+    points, lines, counts = (
+        np.concatenate(found),
+        np.concatenate(which),
+        weight(np.concatenate(steps)),
+    )
 
     def off(at: NDArray[np.float64]) -> NDArray[np.float64]:
         corners = _corners(camera, at)

@@ -35,6 +35,8 @@ class PegSeen:
     left_z: float
     right_y: float  # bottom-right corner [m]
     right_z: float
+    wider: Measured | None = None  # than the task's peg [m]; None: its width is taken as known
+    longer: Measured | None = None  # than the task's peg [m]; None: its lower end was not seen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +57,7 @@ class Across:
     tip_x: Measured | None  # centre of the peg's bottom face [m]
     pitch: Measured | None  # [rad], of the peg
     hole_x: Measured | None  # [m]
+    wider: Measured | None = None  # than the task's peg [m], as in PegSeen
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -166,7 +166,7 @@ class ByShape:
         scene = measured(_mean(known))
         free = pose.z - task.tip_below_hinge - self._sag_m > _FREE_M
         if len(known) < self._calibrations and free and scene.peg is not None:
-            raw = measured(UNKNOWN)
+            raw = measured(UNKNOWN) if known else scene
             if raw.peg is not None:
                 tip = hanging_tip(
                     task, pose, raw.peg.tilt, hang_share=self._hang_share, sag_m=self._sag_m

@@ -25,6 +25,7 @@ from pliant.vision.measure import (
     largest_contour,
     long_edges,
     measure,
+    width_between,
 )
 from pliant.vision.scene import Across, Measured, PegSeen, Scene
 
@@ -88,10 +89,12 @@ def _across(
     tilt = (left_tilt + right_tilt) / 2
     y, z = axis_between(camera, left, right, tilt, task.peg, hand_yaw - math.pi / 2)
     tip = y - (beside.tip_z.value - z) * math.tan(tilt)
+    yaw = hand_yaw - math.pi / 2
     return Across(
         tip_x=Measured(value=-tip, sd=_PLACE_SD),
         pitch=Measured(value=tilt, sd=_TILT_SD),
         hole_x=hole_x,
+        wider=width_between(camera, left, right, tilt, task.peg, yaw, nearer=beside.tip_y.value),
     )
 
 

@@ -4,22 +4,23 @@ paper's grid.
 To tell what each of its mechanisms is worth, it can be had without some of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pliant.belief import Belief, Seen
 from pliant.cell import Stop
+from pliant.diagnosis import Sign
 from pliant.envelope import Limits
 from pliant.errors import unknown
 from pliant.formations import OWNED, Formation, Step
 from pliant.methods import Skill
-from pliant.methods.guided import checks, plan
+from pliant.methods.guided import checks, plan, signs
 from pliant.methods.guided.belief import softly
 from pliant.methods.guided.hand import MECHANISMS, Manner
 from pliant.methods.guided.skills import SHIFTED, GuidedSkills
 from pliant.methods.sight import shipped_sight
 from pliant.methods.words import words_of
-from pliant.records import Case, Evidence, Outcome, Recovery, Verdict
+from pliant.records import Case, Evidence, Execution, Outcome, Recovery, Verdict
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.measure import Colours
@@ -65,6 +66,11 @@ class Guided:
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:
         return softly(belief, look, teaching, Manner(lacks=self.lacks).memory)
+
+    def signs(
+        self, task: Task, history: Sequence[Execution], outcome: Outcome, belief: Belief
+    ) -> Sequence[Sign]:
+        return signs.signs(task, history, outcome, belief)
 
     def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:
         return checks.check(task, outcome, teaching.scenes, belief)

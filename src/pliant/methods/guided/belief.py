@@ -4,8 +4,11 @@ board that may move."""
 import math
 from dataclasses import replace
 from statistics import fmean, median
+from typing import Any
 
 from pliant.belief import Belief, Seen, hang_share
+from pliant.formations import Formation
+from pliant.pose import Axis
 from pliant.teaching import Teaching
 from pliant.vision.scene import Measured, Scene
 
@@ -28,9 +31,12 @@ def softly(belief: Belief, look: Seen, teaching: Teaching, memory: int = MEMORY)
 
     The hole and the board are medians of the last readings; one that jumps is believed when others
     agree with it. Where the peg hangs freely, its angles tell how the hand must turn for it to hang
-    upright.
+    upright. From Fit on the hole is looked for where its step says, counted from where it is read.
     """
-    scene = look.scene
+    scene, step = look.scene, look.step
+    if step.formation is Formation.FIT:
+        taught = teaching.goals.formations[Formation.FIT]
+        belief = replace(belief, hole_shift=step.goal[Axis.Y] - taught[Axis.Y])
     new: dict[str, Measured | None] = {}
     if scene.hole is not None:
         new |= {"hole_y": scene.hole.y, "surface_z": scene.hole.surface_z}
@@ -64,7 +70,8 @@ def _swung(belief: Belief, name: str, reading: float, sd: float) -> Belief:
     kept = (*belief.readings.get(name, ()), reading)[-2:]
     readings = {**belief.readings, name: kept}
     value = Measured(value=fmean(kept), sd=sd)
-    return replace(belief, readings=readings, **{name: value})
+    changed: dict[str, Any] = {"readings": readings, name: value}
+    return replace(belief, **changed)
 
 
 def in_hand(look: Seen) -> tuple[Measured, Measured | None]:
@@ -88,5 +95,7 @@ def _weighed(belief: Belief, name: str, reading: Measured, memory: int) -> Belie
     agree = len(last) == _AGREE and max(last) - min(last) < jump / 2
     if agree and abs(median(last) - median(kept)) > jump / 2:
         kept = last  # it has moved
-    value = Measured(value=median(kept), sd=reading.sd)
-    return replace(belief, readings={**belief.readings, name: kept}, **{name: value})
+    off = belief.hole_shift if name == "hole_y" else 0.0
+    value = Measured(value=median(kept) + off, sd=reading.sd)
+    changed: dict[str, Any] = {"readings": {**belief.readings, name: kept}, name: value}
+    return replace(belief, **changed)

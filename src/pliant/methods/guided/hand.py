@@ -11,7 +11,7 @@ from pliant.belief import Belief, Seen
 from pliant.cell import Motion, Robot, Stop
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
-from pliant.formations import Formation
+from pliant.formations import Step
 from pliant.methods.guided.belief import MEMORY, in_hand, softly
 from pliant.pose import Pose
 from pliant.records import Look, Looking
@@ -133,7 +133,7 @@ class Hand:
         teaching: Teaching,
         robot: Robot,
         look: Looking,
-        formation: Formation,
+        step: Step,
         belief: Belief,
     ) -> None:
         self.robot, self.belief = robot, belief
@@ -141,7 +141,7 @@ class Hand:
         self.looks: list[Look] = []
         self.at = robot.observe(cameras=()).pose
         self._manner, self._task, self._teaching = manner, task, teaching
-        self._look, self._formation = look, formation
+        self._look, self._step = look, step
 
     def lacks(self, mechanism: str) -> bool:
         return mechanism in self._manner.lacks
@@ -279,7 +279,7 @@ class Hand:
         return Tip(tip=(x, peg.tip_y.value, peg.tip_z.value))
 
     def _seen(self, look: Look) -> Seen:
-        return Seen(formation=self._formation, pose=look.observation.pose, scene=look.scene)
+        return Seen(step=self._step, pose=look.observation.pose, scene=look.scene)
 
     def hanging_tip(self, cameras: Sequence[str]) -> tuple[float, float, float] | None:
         """The tip of the hanging peg [m], from two looks half a swing apart, whose mean is where it

@@ -11,7 +11,10 @@ from pliant.formations import Formation, Step
 from pliant.pose import Axis, describe
 from pliant.records import Case, FailureAnalysis, Recovery
 
-_AIMS = (0.0, -0.0015, 0.0015, -0.003, 0.003, -0.0045)  # [m] of the low corner, from the best guess
+_AIMS = (0.0, 0.010, -0.010, 0.017, -0.017, -0.002, 0.005, -0.005)
+"""The places [m], from where the hole is seen, at which it is felt for in turn: again where it
+is seen; then a camera may be off. Fit finds a hole that is up to 3 mm from there. After all of them
+it is given up."""
 _IN_HOLE = 0.0005  # [m] of the tip
 _BLIND = 4  # executions in a row whose pictures do not show it all: no more are tried
 _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
@@ -19,6 +22,8 @@ _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
 
 def plan(case: Case, by: str) -> Recovery:
     """The next steps after a failed execution of a guided skill."""
+    if case.diagnosis.is_hopeless:
+        return _stop(by, case.diagnosis.leading.words, case.diagnosis.why)
     scene = case.outcome.scene
     formation = case.outcome.step.formation
     if scene.peg is None or scene.hole is None:
@@ -65,7 +70,9 @@ def _touch_down_anew(case: Case, by: str, what: str, why: str) -> Recovery:
     sides in turn."""
     outcomes = [*(e.outcome for e in case.history), case.outcome]
     fits = sum(o.step.formation is Formation.FIT and o.step.retreat for o in outcomes)
-    aim = _AIMS[fits % len(_AIMS)]
+    if fits == len(_AIMS):
+        return _stop(by, "the hole was not found", f"{what} wherever it is felt for")
+    aim = _AIMS[fits]
     how = f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen"
     return _steps(case, by, what, why, how, Formation.FIT, aim=aim)
 
@@ -73,15 +80,14 @@ def _touch_down_anew(case: Case, by: str, what: str, why: str) -> Recovery:
 def _blind(case: Case, by: str, problem: str) -> Recovery:
     last = [*(e.outcome for e in case.history), case.outcome][-_BLIND:]
     if len(last) == _BLIND and all(o.scene.peg is None or o.scene.hole is None for o in last):
-        analysis = FailureAnalysis(
-            what="the picture does not show what is needed to see the result",
-            why=problem,
-            how="stop",
-            motion={},
-        )
-        return Recovery(analysis=analysis, steps=(), by=by)
+        return _stop(by, "the picture does not show what is needed to see the result", problem)
     what = "the picture does not show what is needed to see the result"
     return _touch_down_anew(case, by, what, problem)
+
+
+def _stop(by: str, what: str, why: str) -> Recovery:
+    analysis = FailureAnalysis(what=what, why=why, how="stop", motion={})
+    return Recovery(analysis=analysis, steps=(), by=by)
 
 
 def _steps(

@@ -74,7 +74,7 @@ class GuidedSkills:
         the shifts that the goal names; a compression stop ends it at once."""
         taught = self.teaching.goals.formations[step.formation]
         shift = {axis: value - taught.get(axis, 0.0) for axis, value in step.goal.items()}
-        hand = Hand(self.manner, self.task, self.teaching, robot, look, step.formation, belief)
+        hand = Hand(self.manner, self.task, self.teaching, robot, look, step, belief)
         try:
             if step.retreat:
                 hand.lift(hand.frame.z + self.task.tip_below_hinge + _ABOVE + 0.01)
@@ -104,7 +104,7 @@ class GuidedSkills:
 
     def _approach(self, hand: Hand, shift: Partial) -> None:
         """Hang leaning above the hole, the low corner over its far wall, as the cameras show it;
-        shifted along y and turned from there [m, rad]."""
+        turned from there [rad]."""
         robot, share = hand.robot, hang_share(self.teaching)
         for attempt in range(5):
             robot.settle(self.manner.swing_s)
@@ -133,7 +133,7 @@ class GuidedSkills:
         aim = np.array(
             [
                 0.0,
-                -wall + _BEFORE_WALL + shift.get(Axis.Y, 0.0) + half * math.cos(lean),
+                -wall + _BEFORE_WALL + half * math.cos(lean),
                 _ABOVE + half * math.sin(lean),
             ]
         )

@@ -1,10 +1,11 @@
 """The paper's method: single straight motions in the plane of insertion (Sec. IV and V)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pliant.belief import Belief, Seen
 from pliant.cell import Stop
+from pliant.diagnosis import Sign
 from pliant.envelope import Limits
 from pliant.formations import OWNED, Step
 from pliant.methods import Skill
@@ -14,7 +15,7 @@ from pliant.methods.planar.plan import Planner
 from pliant.methods.planar.skills import PlanarSkills
 from pliant.methods.sight import shipped_sight
 from pliant.methods.words import words_of
-from pliant.records import Case, Evidence, Outcome, Recovery, Verdict
+from pliant.records import Case, Evidence, Execution, Outcome, Recovery, Verdict
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.measure import Colours
@@ -46,6 +47,11 @@ class Planar:
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:
         return mean(belief, look, teaching)
+
+    def signs(
+        self, task: Task, history: Sequence[Execution], outcome: Outcome, belief: Belief
+    ) -> Sequence[Sign]:
+        return ()  # as in the paper
 
     def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:
         return checks.check(task, outcome, teaching.scenes)

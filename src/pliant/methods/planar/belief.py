@@ -29,7 +29,7 @@ def mean(belief: Belief, look: Seen, teaching: Teaching) -> Belief:
             readings={**belief.readings, "hole_y": readings},
         )
     if (
-        look.formation is Formation.APPROACH
+        look.step.formation is Formation.APPROACH
         and scene.peg is not None
         and taught is not None
         and taught.peg is not None

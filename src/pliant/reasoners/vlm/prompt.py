@@ -295,7 +295,11 @@ def _checks(evidence: Evidence, settings: Settings, case: Case) -> dict[str, str
         "table_i": ("table_i", settings.table_i),
         "metric_check": ("metric", measured),
     }
-    return {label: _told(evidence[name]) for label, (name, on) in shown.items() if on}
+    told = {label: _told(evidence[name]) for label, (name, on) in shown.items() if on}
+    implausible = evidence["plausible"]
+    if measured and implausible is not None:
+        told["plausibility"] = _told(implausible)
+    return told
 
 
 def _told(check: Check | None) -> str:

@@ -1,0 +1,164 @@
+"""The signs by which a guided trial shows that something is not as the task says: what its cameras
+measure, where it touches, and how deep it gets.
+
+The weights are chosen, not fitted: a sign that no healthy trial of the ladder showed decides alone,
+or nearly; one that some showed has to come again, in other places.
+"""
+
+import math
+from collections.abc import Sequence
+from statistics import median
+
+from pliant.belief import Belief
+from pliant.checks import DEPTH_MARGIN_M, low_corner
+from pliant.diagnosis import Hypothesis, Sign
+from pliant.formations import Formation
+from pliant.records import Execution, Outcome
+from pliant.task import Task
+from pliant.vision.scene import Measured
+
+_WIDER_M = 0.002  # healthy: within 0.8 mm
+_LOOKS = 3  # that must have measured it
+_LONGER_M = 0.004
+_STILL_M, _WENT_M = 0.0005, 0.014  # of the tip that is seen, and of the hand
+_FLAT_M = 0.0015  # a low corner so far below the board has found an edge
+_HIGH_M, _CLEARLY_HIGH_M = 0.0012, 0.0025  # the low corner above the board, pressed onto it
+_HELD_M = 0.005  # of compression that does not bring it deeper
+_UPRIGHT = math.radians(1.5)
+_SAME_DEPTH_M = 0.0005
+_ENTERED_M = 0.001
+_ELSEWHERE_M, _CLEARLY_IN_M = 0.004, 0.005
+
+
+def signs(
+    task: Task, history: Sequence[Execution], outcome: Outcome, belief: Belief
+) -> tuple[Sign, ...]:
+    """All signs of the executions so far, the last of which ended as `outcome`."""
+    all_of = [*((e.outcome, e.belief) for e in history), (outcome, belief)]
+    stuck = _of_motion([o for o, _ in all_of])
+    if stuck:  # then no picture says anything
+        return tuple(stuck)
+    return (
+        *_of_size([o for o, _ in all_of]),
+        *(sign for o, b in all_of if (sign := _of_height(o, b)) is not None),
+        *_of_search(all_of),
+        *_of_depth(task, all_of),
+        *_of_place(outcome, belief),
+    )
+
+
+def _of_motion(outcomes: Sequence[Outcome]) -> list[Sign]:
+    """The hand went somewhere, and the picture stayed as it was."""
+    looks = [look for outcome in outcomes for look in outcome.looks]
+    seen = [(look.observation.pose, look.scene.peg) for look in looks if look.scene.peg is not None]
+    found = []
+    since = 0
+    for k in range(1, len(seen)):
+        (before, was), (now, peg) = seen[since], seen[k]
+        assert was is not None
+        assert peg is not None
+        went = math.hypot(now.y - before.y, now.z - before.z)
+        moved = math.hypot(peg.tip_y.value - was.tip_y.value, peg.tip_z.value - was.tip_z.value)
+        if moved > _STILL_M:
+            since = k
+        elif went > _WENT_M:
+            says = f"the hand went {went * 1e3:.0f} mm, and the side camera still shows the same"
+            found.append(Sign(says=says, speaks={Hypothesis.CAMERA_WRONG: 4.0}))
+            since = k
+    return found
+
+
+def _of_size(outcomes: Sequence[Outcome]) -> list[Sign]:
+    """The peg is wider, narrower, longer or shorter than it should be, by one of the cameras."""
+    scenes = [look.scene for outcome in outcomes for look in outcome.looks]
+    pegs = [scene.peg for scene in scenes if scene.peg is not None]
+    across = [scene.across for scene in scenes if scene.across is not None]
+    found = []
+    for camera, measured, least, more, less in (
+        ("side", [p.wider for p in pegs], _WIDER_M, "wider", "narrower"),
+        ("front", [a.wider for a in across], _WIDER_M, "wider", "narrower"),
+        ("side", [p.longer for p in pegs], _LONGER_M, "longer", "shorter"),
+    ):
+        sizes: list[Measured] = [m for m in measured if m is not None]
+        if len(sizes) < _LOOKS:
+            continue
+        by = median(m.value for m in sizes)
+        if abs(by) > least:
+            says = (
+                f"by the {camera} camera the peg is {abs(by) * 1e3:.1f} ±"
+                f" {sizes[-1].sd * 1e3:.1f} mm {more if by > 0 else less} than the task's"
+            )
+            found.append(Sign(says=says, speaks={Hypothesis.PEG_OTHER: 5.0}))
+    return found
+
+
+def _height(outcome: Outcome, belief: Belief, *formations: Formation) -> float | None:
+    """The height [m] of the low corner above the board after one of the formations; None: it was
+    another, or not seen."""
+    peg, surface = outcome.scene.peg, belief.surface_z
+    if outcome.step.formation not in formations or peg is None or surface is None:
+        return None
+    return low_corner(peg)[1] - surface.value
+
+
+def _of_height(outcome: Outcome, belief: Belief) -> Sign | None:
+    """The peg stands on something above the board, where it was pressed down over the hole."""
+    height = _height(outcome, belief, Formation.CONTACT, Formation.FIT)
+    if height is None or height < _HIGH_M:
+        return None
+    says = f"pressed down over the hole, the peg stands {height * 1e3:.1f} mm above the board"
+    clearly = height >= _CLEARLY_HIGH_M
+    return Sign(says=says, speaks={Hypothesis.OBJECT_ON_BOARD: 2.0 if clearly else 1.3})
+
+
+def _of_search(all_of: Sequence[tuple[Outcome, Belief]]) -> list[Sign]:
+    """No edge of a hole was felt, wherever Fit looked for it. The low corner is dragged over more
+    than a hole's width each time, so that little is left after four wide shifts."""
+    found = []
+    for outcome, belief in all_of:
+        height = _height(outcome, belief, Formation.FIT)
+        if height is None or height > _HIGH_M:
+            continue
+        if height < -_FLAT_M:
+            return []
+        by, wide = belief.hole_shift, abs(belief.hole_shift) > _ELSEWHERE_M
+        says = f"no edge is felt {by * 1e3:+.0f} mm along y from where the hole is seen"
+        speaks = {Hypothesis.HOLE_ELSEWHERE: 0.3, Hypothesis.HOLE_BLOCKED: 0.9 if wide else 0.3}
+        found.append(Sign(says=says, speaks=speaks))
+    return found
+
+
+def _of_depth(task: Task, all_of: Sequence[tuple[Outcome, Belief]]) -> list[Sign]:
+    """An upright peg was pressed and stopped in the hole, more than once at the same depth."""
+    depths: list[float] = []
+    found = []
+    for outcome, belief in all_of:
+        peg, surface = outcome.scene.peg, belief.surface_z
+        if outcome.step.formation is not Formation.INSERTION or peg is None or surface is None:
+            continue
+        depth = surface.value - peg.tip_z.value
+        pressed = outcome.looks[-1].observation.compression_m
+        upright = abs(peg.tilt.value) < _UPRIGHT
+        short = _ENTERED_M < depth < task.depth + DEPTH_MARGIN_M
+        if not (pressed > _HELD_M and upright and short):
+            continue
+        again = any(abs(depth - before) < _SAME_DEPTH_M for before in depths)
+        depths.append(depth)
+        times = "again " if again else ""
+        says = (
+            f"upright and pressed by {pressed * 1e3:.0f} mm, the peg stops {times}at"
+            f" {depth * 1e3:.0f} mm"
+        )
+        found.append(Sign(says=says, speaks={Hypothesis.HOLE_BLOCKED: 2.5 if again else 1.5}))
+    return found
+
+
+def _of_place(outcome: Outcome, belief: Belief) -> list[Sign]:
+    """The peg is in the hole that was felt for elsewhere than the camera shows it."""
+    peg, surface, by = outcome.scene.peg, belief.surface_z, belief.hole_shift
+    if abs(by) < _ELSEWHERE_M or outcome.step.formation is not Formation.INSERTION:
+        return []
+    if peg is None or surface is None or surface.value - peg.tip_z.value < _CLEARLY_IN_M:
+        return []
+    says = f"the peg went in {by * 1e3:+.0f} mm along y from where the camera shows the hole"
+    return [Sign(says=says, speaks={Hypothesis.HOLE_ELSEWHERE: 5.0})]
