@@ -1,19 +1,15 @@
-"""Run a small experiment, then read its Parquet files."""
+"""Run a small experiment, then read its results."""
 
 import tempfile
 from pathlib import Path
 
 import pyarrow.compute as pc
 
-from pliant.experiment import plan, results, runner
+import pliant
 
 if __name__ == "__main__":  # workers are spawned: they import this file
     folder = Path(tempfile.mkdtemp()) / "run"
-    experiment = plan.from_fields(
-        {"pegs": ["circle"], "conditions": ["all"], "reasoners": ["rules", "none"], "trials": 4}
-    )
-    runner.run(experiment, folder)
-    trials = results.read_trials(folder)
+    trials = pliant.compare(reasoners=["rules", "none"], trials=4, out=folder).trials
     for reasoner in ("rules", "none"):
         rows = trials.filter(pc.equal(trials["reasoner"], reasoner))
         print(reasoner, rows["inserted"].to_pylist(), rows["extra_fit"].to_pylist())

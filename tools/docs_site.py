@@ -5,9 +5,11 @@ link leads to a page with that file's text, so that everything is there without 
 """
 
 import ast
+import json
 import posixpath
 import re
 from pathlib import Path
+from typing import Any
 
 from griffe import Attribute, Docstring, Extension
 from mkdocs.config.defaults import MkDocsConfig
@@ -17,6 +19,7 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 ALWAYS = ("examples", "CONTRIBUTING.md", "CHANGELOG.md")  # in the site's navigation
+NOTEBOOK = ".ipynb"
 LANGUAGES = {".py": "python", ".sh": "bash", ".yaml": "yaml", ".md": "markdown"}
 
 _LINK = re.compile(r"(?<=\]\()(?![a-z]+:)[^)#\s]+(?=[)#])")  # of a relative link, its path
@@ -83,7 +86,7 @@ def _uri(path: Path) -> str:
 
 
 def _shown(folder: Path) -> list[Path]:
-    return sorted(p for p in folder.iterdir() if p.suffix in LANGUAGES)
+    return sorted(p for p in folder.iterdir() if p.suffix in (*LANGUAGES, NOTEBOOK))
 
 
 def _text(path: Path) -> str:
@@ -93,13 +96,30 @@ def _text(path: Path) -> str:
     text = path.read_text(encoding="utf-8")
     if path.parent == ROOT and path.suffix == ".md":
         return text
+    if path.suffix == NOTEBOOK:
+        return "\n\n".join(_cell(cell) for cell in json.loads(text)["cells"])
     name = path.relative_to(ROOT).as_posix()
     return f"# {path.name}\n\n`{name}`\n\n````{LANGUAGES.get(path.suffix, 'text')}\n{text}````\n"
+
+
+def _cell(cell: dict[str, Any]) -> str:
+    """A notebook's cell as Markdown, with what it shows."""
+    source = "".join(cell["source"])
+    if cell["cell_type"] == "markdown":
+        return source
+    parts = [f"```python\n{source}\n```"]
+    for output in cell["outputs"]:
+        data = output.get("data", {})
+        plain = "".join(output.get("text") or data.get("text/plain", ""))
+        parts.append("".join(data.get("text/html", "")) or f"```text\n{plain}\n```")
+    return "\n\n".join(parts)
 
 
 def _summary(path: Path) -> str:
     """The first line of a file's text, without its marks."""
     text = path.read_text(encoding="utf-8")
+    if path.suffix == NOTEBOOK:
+        return "".join(json.loads(text)["cells"][0]["source"]).splitlines()[0].strip("# ")
     if path.suffix == ".py":
         text = ast.get_docstring(ast.parse(text)) or path.stem
     return text.splitlines()[0].strip("# ") or path.stem

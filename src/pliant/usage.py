@@ -27,7 +27,7 @@ from pliant.errors import InputError, did_you_mean
 
 HELP = ("-h", "--help")
 _WIDTHS = (60, 100)  # [columns] of a page, least and most
-_NAMES = 25  # [columns] that the options' names take
+_NAMES = 22  # [columns] that the options' names take
 _WORDS: Mapping[Any, str] = {str: "NAME", int: "N", float: "X", Path: "PATH"}
 _FRAME, _RULE = " │|", re.compile(r"[╰+]?[─-]{5,}[╯+]?")  # of tyro's boxes, also in ASCII
 T = TypeVar("T")

@@ -73,13 +73,11 @@ def run(
         peg: circle, square, rectangle, or the path of a peg file (.yaml).
         condition: none, friction, pose or all: what is drawn at random.
         seed: decides every drawn quantity.
-        reasoner: rules, messages, sweep, retry, none, oracle, vlm, or your own (file.py:Class).
+        reasoner: rules, messages, sweep, retry, none, oracle, vlm or file.py:Class.
         level: L0 (the paper's grid) to L8, or a scenario such as wrong_peg.
-        method: planar (the paper's), guided, guided-ease (ease left out), or your own
-            (file.py:Class); default the level's.
+        method: planar, guided, guided-ease (no ease), file.py:Class; default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
-        cell: sim, a cell's file (.yaml), or your own (file.py:Class). At a real cell you are told
-            what to place, and asked how it went.
+        cell: sim, a cell's file (.yaml) or file.py:Class; a real one asks a person.
         out: the result folder; default runs/ and the trial's name.
         video: then draw the trial as an MP4; simulated cell only.
         json: print one line of JSON, the columns of trials.parquet, and no more.
