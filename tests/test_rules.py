@@ -128,7 +128,7 @@ def test_a_reasoner_of_ones_own_is_named_by_its_file_and_class(tmp_path: Path) -
         "from pliant.reasoners.rules import Rules\nclass Mine(Rules): ...\n", encoding="utf-8"
     )
     assert type(reasoner(f"{path}:Mine")).__name__ == "Mine"
-    with pytest.raises(InputError, match="cannot be made"):
+    with pytest.raises(InputError, match="has no class 'Yours': it has Mine"):
         reasoner(f"{path}:Yours")
     with pytest.raises(InputError, match="does not exist"):
         reasoner(f"{tmp_path / 'none.py'}:Mine")
