@@ -5,6 +5,7 @@ import mujoco
 import numpy as np
 
 _GRID = 0.0025  # [m] vertices in one cell of this size become one
+_LAYERS = 16  # cells through a mesh at its thinnest, at least: a plate keeps its screws
 _LEAST_FACES = 500  # a mesh with fewer stays as it is
 _CELLS = 1 << 20  # along each axis: more than any robot has
 
@@ -24,7 +25,8 @@ def _merge(model: mujoco.MjModel, mesh: int) -> None:
     first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
     start = int(model.mesh_vertadr[mesh])
     vertices = model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])]
-    cells = np.round(vertices / _GRID).astype(np.int64)
+    grid = min(_GRID, float(np.ptp(vertices, axis=0).min()) / _LAYERS)
+    cells = np.round(vertices / grid).astype(np.int64)
     x, y, z = (cells - cells.min(axis=0)).T
     _, chosen, cell_of = np.unique(
         (x * _CELLS + y) * _CELLS + z, return_index=True, return_inverse=True
