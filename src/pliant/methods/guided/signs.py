@@ -20,7 +20,7 @@ from pliant.vision.scene import Measured
 _WIDER_M = 0.002  # healthy: within 0.8 mm
 _LOOKS = 3  # that must have measured it
 _LONGER_M = 0.004
-_STILL_M, _WENT_M = 0.0005, 0.014  # of the tip that is seen, and of the hand
+_STILL_M, _WENT_M = 0.0005, 0.010  # of the tip that is seen, and that it must have gone
 _FLAT_M = 0.0015  # a low corner so far below the board has found an edge
 _HIGH_M, _CLEARLY_HIGH_M = 0.0012, 0.0025  # the low corner above the board, pressed onto it
 _HELD_M = 0.005  # of compression that does not bring it deeper
@@ -48,21 +48,22 @@ def signs(
 
 
 def _of_motion(outcomes: Sequence[Outcome]) -> list[Sign]:
-    """The hand went somewhere, and the picture stayed as it was."""
+    """The hand went up or down by more than the wrist was felt to give, and the picture stayed as
+    it was."""
     looks = [look for outcome in outcomes for look in outcome.looks]
-    seen = [(look.observation.pose, look.scene.peg) for look in looks if look.scene.peg is not None]
+    seen = [(k.observation, k.scene.peg) for k in looks if k.scene.peg is not None]
     found = []
     since = 0
     for k in range(1, len(seen)):
         (before, was), (now, peg) = seen[since], seen[k]
-        assert was is not None
-        assert peg is not None
-        went = math.hypot(now.y - before.y, now.z - before.z)
         moved = math.hypot(peg.tip_y.value - was.tip_y.value, peg.tip_z.value - was.tip_z.value)
+        went = abs(now.pose.z - before.pose.z + now.compression_m - before.compression_m)
         if moved > _STILL_M:
             since = k
         elif went > _WENT_M:
-            says = f"the hand went {went * 1e3:.0f} mm, and the side camera still shows the same"
+            says = (
+                f"the tip should be {went * 1e3:.0f} mm from where the camera still shows it"
+            )
             found.append(Sign(says=says, speaks={Hypothesis.CAMERA_WRONG: 4.0}))
             since = k
     return found
