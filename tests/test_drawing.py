@@ -52,16 +52,6 @@ def test_a_picture_leaves_the_model_as_it_was() -> None:
     assert np.array_equal(robot.model.geom_group, before)
 
 
-def test_edges_are_smooth_in_pictures_of_random_looks_alone() -> None:
-    """A nominal picture is measured by colour, which needs no part of a pixel."""
-    for setup, smooth in ((Setup(seed=0), False), (dressed("L5", 1), True), (Setup(seed=0), False)):
-        robot = prepared("circle", setup)
-        red = robot.cameras.image("front", robot.data)[300:460, :, 0].astype(int)
-        colours = [len(np.unique(row[250:400])) for row in red]  # block and what is beside it
-        assert (robot.model.vis.quality.offsamples > 0) == smooth
-        assert smooth or max(colours) < 8
-
-
 @pytest.mark.parametrize("peg", shipped_pegs())
 def test_only_meshes_that_nothing_can_touch_are_drawn_coarser(peg: str) -> None:
     model = build(load_task(peg))

@@ -20,7 +20,7 @@ PRINTS = {
     "05_read_results": (r"^rules \[True, True, True, True\]", r"^none \[.*False.*\]"),
     "06_learned_skill": ("as taught: .*in 4 of 6", "as learned: .*in [56] of 6"),
     "07_learned_reasoner": (
-        r"^17 recoveries recorded",
+        r"^22 recoveries recorded",
         "rules: +inserted 6/6",
         "nearest: +inserted [56]/6",
     ),

@@ -23,23 +23,19 @@ _ROUND = mujoco.mjtGeom.mjGEOM_CYLINDER
 _ENDS = ("bottom", "top")  # of a spring
 _UNSEEN = 5  # a geom group that is not drawn
 _BEYOND = 0.02  # of its distance, how far outside a picture a thing is drawn: cameras shift
-_SAMPLES = 4  # of a pixel, where edges are measured to a part of one (docs/speed.md)
 
 
 class Cameras:
     """Draws a model's cameras. The renderer is made at the first picture and kept.
 
-    What a camera cannot see is left out. Pictures of random looks, which are measured by edges and
-    by the learned sight, are multi-sampled; those of nominal looks, measured by colour, are not.
-    `enlarged` draws images that many times as wide and high, never multi-sampled; the model must
-    allow it.
+    What a camera cannot see is left out. `enlarged` draws images that many times as wide and high;
+    the model must allow it.
     """
 
     def __init__(self, model: mujoco.MjModel, *, enlarged: int = 1) -> None:
         self._model = model
         self._size = c.IMAGE_SIZE[0] * enlarged, c.IMAGE_SIZE[1] * enlarged
         self._renderer: mujoco.Renderer | None = None
-        self._samples = _SAMPLES if enlarged == 1 else 0  # of random looks
         self._corners = _corners(model)
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = 0
@@ -49,10 +45,6 @@ class Cameras:
     def dress(self, setup: Setup) -> None:
         """Let everything look as a trial's setup says, from the next picture on."""
         self._setup, self._looks = setup, looks.looks_of(setup)
-        samples = self._samples if self._looks.paints else 0
-        if samples != self._model.vis.quality.offsamples:
-            self.close()
-            self._model.vis.quality.offsamples = samples
 
     def view(self, name: str, data: mujoco.MjData, time_s: float) -> View:
         """A picture now, with the camera's nominal calibration.

@@ -146,7 +146,7 @@ class Replay:
 
 
 def _hasten(model: mujoco.MjModel) -> None:
-    """Have a model drawn larger, and with fewer triangles."""
+    """Have a model drawn larger instead of multi-sampled, and with fewer triangles."""
     quality, size = model.vis.quality, model.vis.global_
-    quality.numslices, quality.numstacks = 20, 4
+    quality.offsamples, quality.numslices, quality.numstacks = 0, 20, 4
     size.offwidth, size.offheight = (n * _ENLARGED for n in c.IMAGE_SIZE)
