@@ -61,9 +61,7 @@ def _of_motion(outcomes: Sequence[Outcome]) -> list[Sign]:
         if moved > _STILL_M:
             since = k
         elif went > _WENT_M:
-            says = (
-                f"the tip should be {went * 1e3:.0f} mm from where the camera still shows it"
-            )
+            says = f"the tip should be {went * 1e3:.0f} mm from where the camera still shows it"
             found.append(Sign(says=says, speaks={Hypothesis.CAMERA_WRONG: 4.0}))
             since = k
     return found
