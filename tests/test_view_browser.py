@@ -3,6 +3,7 @@ they are asked to by mouse and by keys."""
 
 import importlib
 from collections.abc import Iterator
+from importlib import resources
 from pathlib import Path
 from threading import Thread
 
@@ -19,6 +20,7 @@ from pliant.text import visible
 
 pytestmark = pytest.mark.system
 PEGS = ("square", "rectangle")
+GRAVE = ("serious", "critical")
 
 
 @pytest.fixture(scope="module")
@@ -278,3 +280,27 @@ def test_served_pages_seek_too(browser: Driver, folder: Path) -> None:
     finally:
         server.close()
         thread.join()
+
+
+# --- for everybody -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1400, 420])
+def test_axe_finds_no_serious_barrier_on_either_page(
+    browser: Driver, experiment_page: str, trial_page: str, width: int, scheme: str
+) -> None:
+    axe = resources.files("axe_core_python") / "axe.min.js"
+    browser.set_window_size(width, 900)
+    preferred = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", preferred)
+    for page in (experiment_page, trial_page):
+        opened(browser, page)
+        browser.execute_script(axe.read_text(encoding="utf-8"))
+        found = browser.execute_async_script(
+            "const done = arguments[0]; axe.run().then((r) => done(r.violations));"
+        )
+        grave = [(v["id"], v["nodes"][0]["html"]) for v in found if v["impact"] in GRAVE]
+        assert not grave, page
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    browser.set_window_size(1280, 900)
