@@ -122,7 +122,7 @@ def main(other: Path, each: int, only: str, turns: int) -> None:
                     [python, __file__, "--serve"],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
-                    text=True,
+                    encoding="utf-8",
                 )
             )
             for python in (other.resolve() / ".venv/bin/python", sys.executable)

@@ -16,7 +16,7 @@ from pliant import store
 from pliant.cell import Truth
 from pliant.commissioning.attending import Attending
 from pliant.commissioning.operator import AtTerminal
-from pliant.conditions import Setup
+from pliant.conditions import NOMINAL, Setup
 from pliant.console import Console
 from pliant.errors import InputError, RobotFault
 from pliant.experiment import journal, labels, results, runner, tables
@@ -313,7 +313,7 @@ def test_what_nobody_can_set_or_know_at_a_real_cell_is_refused() -> None:
         *(
             ({"conditions": [{"name": "own", field: [0, 0]}]}, f"level L0 draws {quantity},")
             for field, (quantity, _) in FIELDS.items()
-            if quantity not in ("hole_y", "grasp_roll", "friction", "struck_at", "wrist_stiffness")
+            if quantity not in ("hole_y", "grasp_roll", "struck_at") and not NOMINAL[quantity]
         ),
         *(
             ({"level": level.name}, f"'none' on level {level.name} draws {', '.join(level.ranges)}")

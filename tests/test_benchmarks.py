@@ -15,5 +15,5 @@ def test_a_checkout_beside_itself_draws_and_measures_the_same_and_says_how_long_
     (tmp_path / ".venv").symlink_to(sys.prefix)
     script = str(ROOT / "benchmarks" / "paired.py")
     command = [sys.executable, script, str(tmp_path), "--only", "look colour", "--turns", "1"]
-    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    ran = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
     assert re.search(r"look colour \(n = 1\): [\d.]+ ms, here [\d.]+ ms: [\d.]+ x", ran.stdout)

@@ -92,7 +92,7 @@ def test_a_users_own_method_is_a_file_whose_content_is_in_the_fingerprint(tmp_pa
     [
         (None, "method file '.*mine.py' does not exist"),
         ("class Mine: name = 'mine'", "lacks 'plannable'; see pliant.methods.Method"),
-        ("class Other: ...", "cannot be made: .*Mine"),
+        ("class Other: ...", "has no class 'Mine': it has Other"),
     ],
 )
 def test_what_is_no_method_is_refused_in_one_line(

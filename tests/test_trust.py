@@ -78,7 +78,7 @@ def test_code_that_is_agreed_to_beforehand_is_named_and_run(
     assert f"code that will be run: {folder}/mine.py:Mine" in told
     assert (folder / "ran").exists()
     assert (status, said.count("\n")) == (2, 1)
-    assert "has no attribute 'Mine'" in said
+    assert "has no class 'Mine'" in said
 
 
 @pytest.mark.parametrize(("answer", "runs"), [("n\n", False), ("\n", False), ("y\n", True)])
@@ -102,7 +102,7 @@ def test_code_that_a_person_names_at_the_command_line_is_theirs(
     words = ("experiment", file, "--reasoners", f"{folder}/my.py:Mine")
     status, told, said = ended(capsys, monkeypatch, *words)
     assert status == 2
-    assert "my.py:Mine' cannot be made" in said
+    assert "my.py' has no class 'Mine'" in said
     assert "names" not in told
     assert not (folder / "ran").exists()
 
