@@ -44,7 +44,7 @@ def plan() -> Experiment:
             "pegs": ["circle"],
             "conditions": ["all"],
             "reasoners": ["mine.py:Mine", "none"],
-            "trials": 12,
+            "trials": 30,
         }
     )
 

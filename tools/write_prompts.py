@@ -35,7 +35,8 @@ TRIALS = {
     ),
     "guided": (
         Spec.named(peg="square", level="L1", seed=50026),
-        Spec.named(peg="rectangle_narrow", level="L1", seed=50002),
+        Spec.named(peg="circle", level="lying_camera", seed=41004),
+        Spec.named(peg="square", level="blocked_hole", seed=41001),
     ),
 }
 _HEAD = """# What a model is told and shown
