@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pliant.diagnosis import Diagnosis, Hypothesis, Sign, weighed
 from pliant.experiment.one import run
+from pliant.experiment.rows import trial_row
 from pliant.records import End, Evidence
 
 SPEAKS = st.dictionaries(st.sampled_from(Hypothesis), st.floats(-3.0, 3.0), max_size=4)
@@ -71,6 +72,7 @@ def test_a_trial_in_which_nothing_can_help_ends_soon_and_says_what_is_so(
     level: str, end: str, truly: Hypothesis, most: int
 ) -> None:
     trial = run(level=level, peg="square", seed=43001)
+    assert trial.diagnosis is not None
     assert trial.diagnosis.leading is truly
     assert len(trial.executions) <= most
     assert trial.end_reason == end
@@ -84,4 +86,12 @@ def test_a_trial_in_which_nothing_can_help_ends_soon_and_says_what_is_so(
 def test_a_hole_that_the_camera_shows_elsewhere_is_felt_for_and_found() -> None:
     trial = run(level="lying_camera", peg="circle", seed=43001)
     assert trial.inserted
+    assert trial.diagnosis is not None
     assert trial.diagnosis.leading is Hypothesis.HOLE_ELSEWHERE
+
+
+def test_a_method_that_does_not_look_for_signs_is_not_said_to_believe_the_task() -> None:
+    trial = run(level="no_peg", peg="square", seed=43001, method="planar", reasoner="none")
+    assert [execution.diagnosis for execution in trial.executions] == [None] * len(trial.executions)
+    row = trial_row(replace(trial, end_reason=End.STOPPED))
+    assert row["diagnosis"] is row["diagnosis_weight"] is None

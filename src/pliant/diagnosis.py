@@ -99,6 +99,11 @@ class Diagnosis:
         return f"{self.leading.words} ({100 * self.weight:.0f} %)"
 
 
+def blames_camera(diagnosis: Diagnosis | None) -> bool:
+    """Whether the pictures are what is most probably wrong."""
+    return diagnosis is not None and diagnosis.leading is Hypothesis.CAMERA_WRONG
+
+
 def weighed(signs: Sequence[Sign]) -> Diagnosis:
     """The diagnosis that signs give together."""
     if not signs:

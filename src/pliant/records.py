@@ -100,10 +100,10 @@ class Evidence:
     def votes(self) -> dict[str, bool | None]:
         return {c.name: c.vote for c in self.checks}
 
-    def with_signs(self, diagnosis: Diagnosis) -> "Evidence":
+    def with_signs(self, diagnosis: Diagnosis | None) -> "Evidence":
         """This, and what does not fit the task: it fails an execution where no attempt can help,
         and has no vote until then."""
-        if not diagnosis.signs:
+        if diagnosis is None or not diagnosis.signs:
             return self
         vote = False if diagnosis.is_hopeless else None
         message = f"{diagnosis}: {diagnosis.why}"
@@ -224,7 +224,7 @@ class Execution:
     evidence: Evidence
     belief: Belief
     verdict: Verdict
-    diagnosis: Diagnosis = field(default_factory=Diagnosis)
+    diagnosis: Diagnosis | None = None
     recovery: Recovery | None = None
     admission: Admission | None = None
 
@@ -300,7 +300,8 @@ def _is_method(value: Any) -> Any:
 class Case:
     """All that a reasoner may know when it judges or recovers: serialisable, so that a stored case
     can be judged again. `goals` are the ones in force, updated by the recoveries so far; `colours`
-    None: those of peg and block may be anything."""
+    None: those of peg and block may be anything; `diagnosis` None: the method does not look for
+    what is not as the task says."""
 
     task: Task
     teaching: Teaching = field(repr=False)
@@ -313,7 +314,7 @@ class Case:
         KnownMethod, PlainValidator(_is_method), PlainSerializer(lambda method: method.name)
     ]
     colours: Colours | None = None
-    diagnosis: Diagnosis = field(default_factory=Diagnosis)
+    diagnosis: Diagnosis | None = None
 
 
 class End(StrEnum):
@@ -357,14 +358,17 @@ class Trial:
         return last is not None and last.formation is Formation.INSERTION and last.verdict.success
 
     @property
-    def diagnosis(self) -> Diagnosis:
+    def diagnosis(self) -> Diagnosis | None:
         """What was believed to be so in the end: a fault of the cell that says it, or the last
-        execution's; unknown where a reasoner stopped without a sign."""
+        execution's; unknown where a reasoner stopped without a sign. None: the method did not look
+        for it."""
         said = OF_FAULTS.get(self.end_reason)
         if said is not None:
             sees = any(look.scene.peg for e in self.executions for look in e.outcome.looks)
             return Diagnosis(weights={said[sees]: 1.0})
-        last = self.executions[-1].diagnosis if self.executions else Diagnosis()
+        last = self.executions[-1].diagnosis if self.executions else None
+        if last is None:
+            return None
         if self.end_reason == End.STOPPED and last.leading is Hypothesis.AS_TOLD:
             return Diagnosis(weights={Hypothesis.UNKNOWN: 1.0})
         return last

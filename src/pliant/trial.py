@@ -14,7 +14,7 @@ from functools import partial
 from pliant.belief import Belief, Seen, descent_of
 from pliant.cell import Robot
 from pliant.checks import doubt, slid, sunk
-from pliant.diagnosis import Hypothesis, weighed
+from pliant.diagnosis import blames_camera, weighed
 from pliant.envelope import Guarded, Limits
 from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
@@ -139,9 +139,9 @@ class Run:
                 self.task, outcome, self.belief, self.teaching, answered=robot.has_answered
             )
             signs = self.method.signs(self.task, self.history, outcome, self.belief)
-            diagnosis = weighed(signs)
+            diagnosis = None if signs is None else weighed(signs)
             # Of a sensor that has answered and a picture that contradicts it, the picture may lie.
-            lies = robot.has_answered and diagnosis.leading is Hypothesis.CAMERA_WRONG
+            lies = robot.has_answered and blames_camera(diagnosis)
             if problem is not None and not lies:
                 robot.halt()
                 raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")

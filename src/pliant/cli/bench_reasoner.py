@@ -12,7 +12,7 @@ from typing import Annotated
 import tyro
 
 from pliant.cli.model import UNDECIDED, ModelOptions
-from pliant.cli.steps import Steps
+from pliant.cli.steps import counted
 from pliant.console import Console, complain
 from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
@@ -53,7 +53,7 @@ def bench_reasoner(
         model.refuse_silent(model.vlm, partial(print, file=sys.stderr))
     total = len(makers) * (len(chosen) if limit is None else min(limit, len(chosen)))
     marked = count(1)
-    with Steps("cases") as steps:
+    with counted("cases") as steps:
         document = run.run(
             makers,
             chosen,

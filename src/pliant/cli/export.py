@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from pliant.cli.steps import Steps
+from pliant.cli.steps import counted
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.paths import located, shown
@@ -62,18 +62,18 @@ def export(
         recorded = recording.write(source, rerun_out, fps=fps)
         console.print(f"rerun: {shown(rerun_out)}: {recorded}")
     if failure_qa_out is not None:
-        with Steps("failure QA") as steps:
+        with counted("failure QA") as steps:
             asked = failure_qa.write(source, failure_qa_out, progress=steps.tell)
         console.print(f"failure QA: {shown(failure_qa_out)}: {_in_words(asked)} questions")
     if chat_out is not None:
         needs_extra("--chat, which writes a model's prompts,")
         from pliant.export import chat
 
-        with Steps("chat") as steps:
+        with counted("chat") as steps:
             told = chat.write(source, chat_out, progress=steps.tell)
         console.print(f"chat: {shown(chat_out)}: {_in_words(told)} conversations")
     if lerobot_out is not None:
-        with Steps("LeRobot") as steps:
+        with counted("LeRobot") as steps:
             made_of = lerobot.write(
                 source,
                 lerobot_out,

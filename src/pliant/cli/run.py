@@ -24,7 +24,7 @@ from pliant.cli.attended import attended
 from pliant.cli.cells import where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
-from pliant.cli.steps import Steps
+from pliant.cli.steps import counted
 from pliant.console import Lasting, say
 from pliant.errors import InputError, PliantError, described
 from pliant.experiment import faults, journal, plan, results, runner
@@ -125,7 +125,7 @@ def run(
         trial = _attended(experiment, spec, folder, teller, model)
     page = store.trial_folder(folder, trial.trial_id)
     video = video and trajectory is not None
-    with Steps("drawing the video") as steps:
+    with counted("drawing the video") as steps:
         report.write(page, trial, teaching, trajectory=trajectory, video=video, progress=steps.tell)
     teller.end(trial, page / report.PAGE)
     if json:

@@ -13,7 +13,7 @@ import tyro
 from rich.text import Text
 
 from pliant import folders, store, teaching
-from pliant.cli.steps import Steps
+from pliant.cli.steps import counted
 from pliant.console import Console, say
 from pliant.errors import InputError
 from pliant.experiment import journal, results
@@ -57,7 +57,7 @@ def view(
     folder = _place(folder, out, console)
     if serve:
         server = Server(folder, port)  # a port that is taken is said at once
-    with Steps("pages") as steps:
+    with counted("pages") as steps:
         viewed = make(folder, teachings, film=video, progress=steps.tell)
     for problem in viewed.problems:
         console.print(Text(f"no page: {problem}"))

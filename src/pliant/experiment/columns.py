@@ -95,7 +95,11 @@ TRIALS: tuple[Column, ...] = (
         "end_reason", _TEXT, "inserted, exhausted, cap, stopped, refused, finished, `fault:KIND`"
     ),
     _column("fault", _TEXT, "what was said when a fault ended the trial; null: no fault"),
-    _column("diagnosis", _TEXT, "what was believed to be so in the end, `pliant.diagnosis`"),
+    _column(
+        "diagnosis",
+        _TEXT,
+        "what was believed to be so in the end (`pliant.diagnosis`); null: not looked for",
+    ),
     _column("diagnosis_weight", _NUMBER, "its weight among the hypotheses, 0 to 1"),
     _column("executions", _WHOLE, "commanded formation skills"),
     _column("extra_fit", _WHOLE, "executions of Fit beyond the first"),

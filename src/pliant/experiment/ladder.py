@@ -117,6 +117,6 @@ def _is_right(trial: Row, level: Level) -> bool:
 
 
 def _is_diagnosed(trial: Row, level: Level) -> bool:
-    """Whether what was believed in the end is so; a method without a diagnosis believes the
-    task."""
+    """Whether what was believed in the end is so; a method without a diagnosis believes
+    nothing."""
     return trial.get("diagnosis") in level.truly

@@ -56,6 +56,7 @@ def trial_row(trial: Trial) -> Row:
         f: sum(e.formation is f for e in trial.executions) for f in RECOVERABLE
     }  # Approach and Contact are not recovered from
     measured = not faults.is_unmeasured(trial.end_reason)
+    believed = trial.diagnosis if measured else None
     return {
         "trial_id": trial.trial_id,
         "cell": trial.cell,
@@ -71,8 +72,8 @@ def trial_row(trial: Trial) -> Row:
         "depth_m": _number(trial.truths[-1].depth_m) if trial.truths and measured else None,
         "end_reason": str(trial.end_reason),
         "fault": trial.fault or None,
-        "diagnosis": str(trial.diagnosis.leading),
-        "diagnosis_weight": trial.diagnosis.weight,
+        "diagnosis": str(believed.leading) if believed is not None else None,
+        "diagnosis_weight": believed.weight if believed is not None else None,
         "executions": len(trial.executions),
         **{f"extra_{f}": max(0, n - 1) for f, n in counts.items()},
         "moves": sum(len(e.outcome.motions) for e in trial.executions),

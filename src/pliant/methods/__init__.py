@@ -58,9 +58,9 @@ class Method(KnownMethod, Protocol):
 
     def signs(
         self, task: Task, history: Sequence[Execution], outcome: Outcome, belief: Belief
-    ) -> Sequence[Sign]:
+    ) -> Sequence[Sign] | None:
         """All that so far does not fit the task; `outcome` and `belief` are of the execution that
-        has just ended. A method that does not look for such things has none."""
+        has just ended. None: the method does not look for such things."""
         ...
 
     def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:

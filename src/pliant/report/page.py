@@ -57,8 +57,10 @@ def _way_back(home: str | None) -> Html:
 
 def _believed(trial: Trial) -> list[tuple[str, str]]:
     """What the signs said to be so in the end, where something was not as the task says."""
-    is_told = trial.diagnosis.leading is Hypothesis.AS_TOLD
-    return [] if is_told else [("believed to be so", str(trial.diagnosis))]
+    believed = trial.diagnosis
+    if believed is None or believed.leading is Hypothesis.AS_TOLD:
+        return []
+    return [("believed to be so", str(believed))]
 
 
 def _headline(trial: Trial, title: str) -> Html:

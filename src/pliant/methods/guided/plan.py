@@ -27,7 +27,7 @@ _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
 
 def plan(case: Case, by: str) -> Recovery:
     """The next steps after a failed execution of a guided skill."""
-    if case.diagnosis.is_hopeless:
+    if case.diagnosis is not None and case.diagnosis.is_hopeless:
         return _stop(by, case.diagnosis.leading.words, case.diagnosis.why)
     scene = case.outcome.scene
     formation = case.outcome.step.formation

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from pliant.belief import Belief, Seen
 from pliant.cell import Stop
-from pliant.diagnosis import Sign
 from pliant.envelope import Limits
 from pliant.formations import OWNED, Step
 from pliant.methods import Skill
@@ -50,8 +49,8 @@ class Planar:
 
     def signs(
         self, task: Task, history: Sequence[Execution], outcome: Outcome, belief: Belief
-    ) -> Sequence[Sign]:
-        return ()  # as in the paper
+    ) -> None:
+        return None  # as in the paper
 
     def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:
         return checks.check(task, outcome, teaching.scenes)
