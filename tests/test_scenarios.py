@@ -1,5 +1,5 @@
-"""What rules are not written for: that it is really so in the cell and in its pictures, that it is
-gone in the next trial, and how its trials are counted."""
+"""Scenarios, in which the task itself is wrong: that it is really so in the cell and in its
+pictures, that it is gone in the next trial, and how its trials are counted."""
 
 import math
 from typing import Any

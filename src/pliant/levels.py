@@ -1,5 +1,5 @@
 """The ladder: named levels of difficulty, as data (`levels.yaml`), on top of the paper's grid; and
-scenarios that rules are not written for (`scenarios.yaml`), which are run in the same way.
+scenarios in which the task itself is wrong (`scenarios.yaml`), which are run in the same way.
 
 A level sets the hole's clearance and the depth that counts as inserted, adds to what a condition
 draws, and names the method that its axes need and the pegs that it is measured with. A scenario
