@@ -1,5 +1,6 @@
 """The simulated robot does what the Robot protocol says, and does it the same way every time."""
 
+import gc
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -375,6 +376,20 @@ def centre_of_dot(
     rows, columns = np.nonzero(changed)
     assert len(rows) > 20
     return float(columns.mean()) + 0.5, float(rows.mean()) + 0.5
+
+
+@pytest.mark.parametrize("ends", ["closed", "forgotten"])
+def test_a_cell_that_ends_leaves_anothers_pictures_as_they_were(ends: str) -> None:
+    mine, other = (SimRobot(load_task("circle")) for _ in range(2))
+    for robot in (mine, other, mine):  # both have drawn, mine last
+        robot.reset(Setup(seed=0))
+        before = robot.cameras.image("wide", robot.data)
+    if ends == "closed":
+        other.cameras.close()
+    else:
+        del other, robot
+        gc.collect()
+    assert np.array_equal(mine.cameras.image("wide", mine.data), before)
 
 
 @pytest.mark.parametrize("peg", ["square", "rectangle_narrow"])
