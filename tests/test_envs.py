@@ -379,7 +379,7 @@ def test_what_was_not_seen_is_nought_and_masked() -> None:
     ("name", "options", "message"),
     [
         (INSERTION, {"peg": "star"}, "unknown peg 'star': valid are circle, d_shape, hexagon"),
-        (INSERTION, {"level": "L9"}, "unknown level 'L9': valid are L0"),
+        (INSERTION, {"level": "L99"}, "unknown level 'L99': valid are L0"),
         (INSERTION, {"condition": "wind"}, "unknown condition 'wind': valid are none, friction"),
         (INSERTION, {"axes": []}, r"axes \[\]: give a list of different ones of x, y, z, roll"),
         (INSERTION, {"axes": "yz"}, "axes 'yz': give a list"),
@@ -391,7 +391,7 @@ def test_what_was_not_seen_is_nought_and_masked() -> None:
         (INSERTION, {"reward": "dense"}, "unknown reward 'dense': valid are sparse, shaped"),
         (INSERTION, {"start": "insertion"}, "unknown start 'insertion': valid are home, approach"),
         (RECOVERY, {"peg": "star"}, "unknown peg 'star'"),
-        (RECOVERY, {"level": "L9"}, "unknown level 'L9'"),
+        (RECOVERY, {"level": "L99"}, "unknown level 'L99'"),
         (RECOVERY, {"condition": "wind"}, "unknown condition 'wind'"),
     ],
 )

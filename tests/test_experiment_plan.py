@@ -90,7 +90,7 @@ def test_a_cell_that_occurs_twice_counts_once() -> None:
         ({**NAMES, "pegs": ["pentagon"]}, "unknown peg 'pentagon'"),
         ({**NAMES, "conditions": ["wind"]}, "unknown condition 'wind'"),
         ({**NAMES, "reasoners": ["luck"]}, "unknown reasoner 'luck'"),
-        ({**NAMES, "level": "L9"}, "unknown level 'L9'"),
+        ({**NAMES, "level": "L99"}, "unknown level 'L99'"),
         ({**NAMES, "trials": 0}, "trials is 0"),
         ({**NAMES, "trials": True}, "trials is True"),
         ({**NAMES, "first_seed": -1}, "first_seed is -1"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stand_ins import ScriptedRobot, executed, scene_of
+from stand_ins import ScriptedRobot, executed, outcome_of, scene_of
 from vlm_cases import blind, wedged
 
 from pliant.belief import Belief, Seen
@@ -20,8 +20,8 @@ from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
 from pliant.levels import load_level
 from pliant.methods.guided import Guided
-from pliant.methods.guided.belief import believed
 from pliant.methods.guided.hand import Hand, HandFrame, Manner
+from pliant.methods.guided.touch import placed
 from pliant.methods.named import method
 from pliant.pose import Axis, Pose
 from pliant.reasoners.rules import Rules
@@ -92,7 +92,8 @@ def test_the_checks_take_the_hole_where_it_is_believed_to_be() -> None:
     belief = Belief()
     for y in (0.0, 0.0001, -0.0001):
         belief = GUIDED.believe(belief, hole_at(y), TEACHING)
-    hole = believed(hole_at(0.010).scene, belief).hole
+    look = outcome_of(Formation.CONTACT, scene=hole_at(0.010).scene).looks[-1]
+    hole = placed(load_task("circle"), TEACHING, look, belief).hole
     assert hole is not None
     assert abs(hole.y.value) < 0.0002
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from stand_ins import prepared
 
+from pliant import run
 from pliant.conditions import NOMINAL, Condition, Setup, condition
 from pliant.diagnosis import Hypothesis
 from pliant.errors import RobotFault
@@ -164,6 +165,15 @@ def test_a_lying_camera_moves_every_reading_by_the_same() -> None:
         assert seen.peg == truly.peg
 
 
+@pytest.mark.parametrize("peg", ["square", "rectangle_narrow"])
+def test_a_peg_that_is_turned_in_the_grasp_looks_wider_and_is_told(peg: str) -> None:
+    trial = run(level="turned_peg", peg=peg, seed=43001)
+    assert trial.end_reason == End.STOPPED
+    assert trial.diagnosis is not None
+    assert trial.diagnosis.leading is Hypothesis.PEG_OTHER
+    assert "wider" in trial.diagnosis.why
+
+
 def test_nothing_strange_is_left_in_the_next_trial() -> None:
     before = pushed(Setup(seed=2))
     qpos, picture = before.data.qpos.copy(), image(before, "oblique")
@@ -236,3 +246,41 @@ def test_what_is_right_is_counted_and_a_false_accept_is_not() -> None:
     assert [row["level"] for row in ladder.rows(ends)] == ["L1"]
     assert "| blocked_hole | rules | stop | 25.0 [" in tables_text.scenarios([blocked])
     assert math.isclose(blocked["rightly"]["percent"], 25.0)
+
+
+# --- a level on which some trials have a scenario ------------------------------------------------
+
+
+def test_every_other_trial_of_l9_has_a_scenario_whose_ranges_go_first() -> None:
+    level = load_level("L9")
+    drawn = level.on(condition("all"))
+    names = [drawn.scenario(seed) for seed in range(400)]
+    assert 160 < names.count(None) < 240
+    assert set(names) - {None} == set(level.scenarios)
+    for seed, name in enumerate(names[:100]):
+        here, plain = drawn.draw(seed), load_level("L8").on(condition("all")).draw(seed)
+        own = {} if name is None else load_level(name).ranges
+        assert all(abs(getattr(here, q)) >= low for q, (low, _) in own.items() if low > 0)
+        same = set(NOMINAL) - set(own)
+        assert {q: getattr(here, q) for q in same} == {q: getattr(plain, q) for q in same}
+        assert level.in_trial(seed).name == (name or "L9")
+
+
+def test_the_task_of_l9_does_not_tell_whether_it_has_a_scenario() -> None:
+    assert load_task("circle", "L9") == load_task("circle", "L8")
+
+
+def test_what_is_right_on_l9_is_told_trial_by_trial() -> None:
+    level = load_level("L9")
+    ends = []
+    for seed in range(40):
+        right = level.in_trial(seed).right
+        end = End.STOPPED if right == STOP else End.INSERTED
+        ends.append(trial("L9", end, inserted=right != STOP) | {"seed": seed})
+    (row,) = ladder.scenarios(ends)
+    assert (row["rightly"]["successes"], row["rightly"]["n"]) == (40, 40)
+    assert 0 < row["stopped"]["successes"] < 20
+    assert "| L9 | rules | by trial | 100.0 [" in tables_text.scenarios([row])
+    wrong = [t | {"end_reason": str(End.CAP), "judged": False, "inserted": False} for t in ends]
+    assert ladder.scenarios(wrong)[0]["rightly"]["successes"] == 0
+    assert ladder.rows(ends) == []

@@ -101,8 +101,8 @@ def test_an_unknown_peg_lists_the_valid_ones() -> None:
 
 
 def test_an_unknown_level_lists_the_valid_ones() -> None:
-    assert refused(lambda: load_task("circle", "L9")).startswith(
-        "unknown level 'L9': valid are L0, L1"
+    assert refused(lambda: load_task("circle", "L99")).startswith(
+        "unknown level 'L99': valid are L0, L1"
     )
 
 

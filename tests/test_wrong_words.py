@@ -27,7 +27,7 @@ WRONG = {
     "run --peg sqare": "did you mean 'square'",
     "run --peg missing.yaml": "missing.yaml",
     "run --condition poze": "did you mean 'pose'",
-    "run --level L9": "unknown level 'L9'",
+    "run --level L99": "unknown level 'L99'",
     "run --level wrong_pegg": "did you mean 'wrong_peg'",
     "run --reasoner rule": "did you mean 'rules'",
     "run --reasoner mine.py:Mine": "mine.py",

@@ -22,7 +22,8 @@ class Belief:
     the board is turned, `grasp_roll` [rad] the peg's angle in the grasp; `upright_roll` and
     `upright_pitch` [rad] those of the hand with which the peg would hang upright. `readings` are
     the last of each, for the soft estimates. `hole_shift` [m] is how far along y from where it is
-    read the hole is looked for since the last Fit; `hole_y` has it in it.
+    read the hole is looked for since the last Fit; `hole_y` has it in it. `tip_in_hand` [m] is
+    where the tip was seen to hang, from the hinge, in axes that turn with the peg.
     """
 
     hole_y: Measured | None = None
@@ -34,6 +35,7 @@ class Belief:
     upright_pitch: Measured | None = None
     readings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     hole_shift: float = 0.0
+    tip_in_hand: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

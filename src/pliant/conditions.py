@@ -74,6 +74,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "board_z": _length(0.02, "the board's surface above the nominal"),
     "board_yaw": _angle(15, "the board's angle about z"),
     "grasp_pitch": _angle(10, "the peg's angle in the grasp about y"),
+    "grasp_yaw": _angle(45, "the peg's turn in the grasp about its own axis", two_sided=True),
     "looks": _flag("colours, textures, light, noise and camera places are random"),
     "occluder": _flag("a post before the side and one before the front camera"),
     "stale": _share("share of pictures that are the one before, with its time stamp"),
@@ -106,6 +107,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "compression_dead": _flag("the wrist's compression always reads the same"),
     "compression_scale": _factor(0.1, 3.0, "what the wrist's compression reads, as a factor"),
     "pictures_frozen": _flag("after 4 s every camera's picture stays as it is, its time does not"),
+    "blind_below": _size(0.1, "while the tip is lower than this over the board no camera shows it"),
 }
 """The quantities that may differ from plan in a trial. The first three are the paper's."""
 
@@ -140,6 +142,7 @@ class Setup:
     board_z: float = 0.0
     board_yaw: float = 0.0
     grasp_pitch: float = 0.0
+    grasp_yaw: float = 0.0
     looks: float = 0.0
     occluder: float = 0.0
     stale: float = 0.0
@@ -161,6 +164,7 @@ class Setup:
     compression_dead: float = 0.0
     compression_scale: float = 1.0
     pictures_frozen: float = 0.0
+    blind_below: float = 0.0
 
     def quantities(self) -> dict[str, float]:
         """Every quantity by its name, drawn or nominal."""
@@ -176,20 +180,27 @@ class Setup:
         return _stream(self.seed, name)
 
 
+Ranges = Mapping[str, tuple[float, float]]
+"""The range [m, rad, s, 1] of each quantity that is drawn, by its name."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Condition:
     """A condition: the quantities that are drawn, each uniformly from its range; the others stay
-    nominal.
+    nominal. Where there are `scenarios`, every other trial, by chance, has one of them, whose
+    ranges go before the condition's own.
 
     Raises:
         InputError: a quantity is unknown, or its range is out of order or cannot be simulated.
     """
 
     name: str
-    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    ranges: Ranges = field(default_factory=dict)
+    scenarios: Mapping[str, Ranges] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, (low, high) in self.ranges.items():
+        all_ranges = (self.ranges, *self.scenarios.values())
+        for name, (low, high) in (item for ranges in all_ranges for item in ranges.items()):
             if name not in QUANTITIES:
                 raise unknown("quantity", name, QUANTITIES)
             least, most = QUANTITIES[name].valid
@@ -203,7 +214,23 @@ class Condition:
     def draw(self, seed: int) -> Setup:
         """The trial's setup. Every quantity has a stream of its own, so that a seed means the same
         draw in every condition and for every peg."""
-        return Setup(seed=seed, **{name: _draw(seed, name, *r) for name, r in self.ranges.items()})
+        scenario = self.scenario(seed)
+        ranges = {**self.ranges, **(self.scenarios[scenario] if scenario is not None else {})}
+        return Setup(seed=seed, **{name: _draw(seed, name, *r) for name, r in ranges.items()})
+
+    def scenario(self, seed: int) -> str | None:
+        """The name of the scenario that the trial has, for the experiment's side; None: none."""
+        if not self.scenarios:
+            return None
+        stream = _stream(seed, "scenario")
+        if stream.uniform() < 0.5:
+            return None
+        return list(self.scenarios)[int(stream.integers(len(self.scenarios)))]
+
+    @property
+    def quantities(self) -> list[str]:
+        """The names of all quantities that a trial may draw."""
+        return list(dict.fromkeys([*self.ranges, *(q for r in self.scenarios.values() for q in r)]))
 
 
 def _draw(seed: int, name: str, low: float, high: float) -> float:

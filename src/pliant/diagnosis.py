@@ -26,6 +26,7 @@ class Hypothesis(StrEnum):
     OBJECT_ON_BOARD = "object_on_board"
     SENSOR_WRONG = "sensor_wrong"
     CAMERA_WRONG = "camera_wrong"
+    CAMERA_BLIND = "camera_blind"
     UNKNOWN = "unknown"
 
     @property
@@ -35,9 +36,10 @@ class Hypothesis(StrEnum):
     @property
     def is_hopeless(self) -> bool:
         """Whether no attempt can help against it."""
-        return self not in (Hypothesis.AS_TOLD, Hypothesis.HOLE_ELSEWHERE)
+        return self not in _INSERTABLE
 
 
+_INSERTABLE = (Hypothesis.AS_TOLD, Hypothesis.HOLE_ELSEWHERE, Hypothesis.CAMERA_BLIND)
 _WORDS = {
     Hypothesis.AS_TOLD: "all is as the task says",
     Hypothesis.PEG_OTHER: "the peg is another than the task's",
@@ -47,6 +49,7 @@ _WORDS = {
     Hypothesis.OBJECT_ON_BOARD: "something lies on the board, over the hole",
     Hypothesis.SENSOR_WRONG: "the wrist's sensor does not tell how far it is pressed",
     Hypothesis.CAMERA_WRONG: "the cameras do not show what is there now",
+    Hypothesis.CAMERA_BLIND: "the cameras show nothing near the board",
     Hypothesis.UNKNOWN: "something is wrong that has no name here",
 }
 

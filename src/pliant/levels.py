@@ -7,12 +7,12 @@ says besides what is right in it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 
 from pliant import files
-from pliant.conditions import CONDITIONS, QUANTITIES, Condition, Quantity
+from pliant.conditions import CONDITIONS, QUANTITIES, Condition, Quantity, Ranges
 from pliant.diagnosis import Hypothesis
 from pliant.errors import unknown
 from pliant.pose import Axis
@@ -26,26 +26,39 @@ class Level:
     """A rung of the ladder: `clearance` [m] in place of a peg file's own, `depth` [m] of insertion,
     `ranges` that are drawn besides a condition's own, the `method` that is used unless another is
     asked for, and the `senses` that measure its pictures. `right` is what a method should do in the
-    end: insert, stop and say so, or either; `truly` are the hypotheses that are right about it."""
+    end: insert, stop and say so, or either; `truly` are the hypotheses that are right about it. Of
+    its `scenarios` one trial in two has one, which then says what is right."""
 
     name: str
     tests: str
     clearance: float | None
     depth: float
-    ranges: Mapping[str, tuple[float, float]]
+    ranges: Ranges
     method: str
     senses: str
     pegs: tuple[str, ...]
     right: str = INSERT
     truly: tuple[Hypothesis, ...] = (Hypothesis.AS_TOLD,)
     is_scenario: bool = False
+    scenarios: Mapping[str, Ranges] = field(default_factory=dict)
+
+    @property
+    def may_be_wrong(self) -> bool:
+        """Whether a trial's task may be wrong, so that stopping may be right."""
+        return self.is_scenario or bool(self.scenarios)
+
+    def in_trial(self, seed: int) -> "Level":
+        """The level that says what is right in the trial of a seed: its scenario, if it has one."""
+        scenario = self.on(CONDITIONS["none"]).scenario(seed)
+        return self if scenario is None else load_level(scenario)
 
     def on(self, condition: Condition) -> Condition:
         """A condition with what the level draws besides. Where both draw a quantity, a condition of
         the user's own keeps its range, and one of the paper's takes the level's."""
+        first, then = self.ranges, condition.ranges
         if condition.name in CONDITIONS:
-            return replace(condition, ranges={**condition.ranges, **self.ranges})
-        return replace(condition, ranges={**self.ranges, **condition.ranges})
+            first, then = then, first
+        return replace(condition, ranges={**first, **then}, scenarios=self.scenarios)
 
 
 def load_level(name: str) -> Level:
@@ -72,8 +85,8 @@ def shipped_levels() -> Mapping[str, Level]:
         ranges: dict[str, tuple[float, float]] = {}
         for other in fields.get("like", []):
             ranges.update(levels[other].ranges)
-        for field, (low, high) in fields.get("draws", {}).items():
-            quantity, axis = FIELDS[field]
+        for drawn, (low, high) in fields.get("draws", {}).items():
+            quantity, axis = FIELDS[drawn]
             in_si = [float(v) if axis is None else axis.from_report(v) for v in (low, high)]
             ranges[quantity] = (in_si[0], in_si[1])
         clearance = fields.get("clearance_mm")
@@ -90,6 +103,9 @@ def shipped_levels() -> Mapping[str, Level]:
             truly=tuple(Hypothesis(h) for h in fields.get("truly", [Hypothesis.AS_TOLD])),
             is_scenario=name in scenarios,
         )
+    for name, fields in rungs.items():
+        mixed = {s: levels[s].ranges for s in fields.get("scenarios", [])}
+        levels[name] = replace(levels[name], scenarios=mixed)
     return levels
 
 

@@ -96,7 +96,7 @@ def calibrate(
 
 def _setup(chosen: Where, condition: str, seed: int) -> Setup:
     drawn = conditions.condition(condition)
-    if chosen.kind == "ur5e" and drawn.ranges:
+    if chosen.kind == "ur5e" and drawn.quantities:
         raise InputError(
             f"--condition {condition} draws what a real cell has as it is: leave it out, and set"
             " the hole and the peg up as nominal"

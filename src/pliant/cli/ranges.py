@@ -29,6 +29,8 @@ class Ranges:
     """The board's angle about the vertical."""
     grasp_pitch_deg: Range = None
     """The peg's angle in the grasp about y."""
+    grasp_yaw_deg: Range = None
+    """How far the peg is turned in the grasp about its axis."""
     looks: Range = None
     """Above 0.5: colours, textures, light, noise and cameras are random."""
     occluder: Range = None
@@ -71,6 +73,8 @@ class Ranges:
     """Factor on what the compression reads."""
     pictures_frozen: Range = None
     """Above 0.5: after 4 s every camera's picture stays as it is."""
+    blind_below_mm: Range = None
+    """With the tip lower than this over the board no camera shows anything."""
 
     def applied_to(self, name: str) -> Any:
         """The condition as an experiment's field: its name, or its ranges with these in place."""

@@ -124,7 +124,7 @@ class Experiment:
                 {
                     "task": asdict(c.task),
                     "level": c.level,
-                    "condition": {"name": c.condition.name, "ranges": dict(c.condition.ranges)},
+                    "condition": _document(c.condition),
                     "reasoner": c.names[-1],
                     "reasoner_file": decides.own_file_hash(c.reasoner),
                     "vlm": None if c.vlm is None else asdict(c.vlm),
@@ -161,3 +161,10 @@ def whole(name: str, value: Any, least: int, most: int) -> None:
     """Check a number. Raises InputError where it is no whole number from `least` to `most`."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise InputError(f"{name} is {value!r}: it must be a whole number from {least} to {most}")
+
+
+def _document(condition: Condition) -> dict[str, Any]:
+    document: dict[str, Any] = {"name": condition.name, "ranges": dict(condition.ranges)}
+    if condition.scenarios:
+        document["scenarios"] = {name: dict(r) for name, r in condition.scenarios.items()}
+    return document

@@ -11,6 +11,8 @@ from pliant.levels import INSERT, STOP, Level, shipped_levels
 from pliant.records import End
 
 STOPPED_BY = ("fault:no_touch", "fault:sensor", "fault:loaded")
+VARIES = "varies"
+"""What is right on a level that has scenarios: it depends on the trial."""
 PAPERS_LEVEL = "L0"
 _Key = tuple[str, str, str]  # level, method, reasoner
 
@@ -26,8 +28,8 @@ def rows(trials: Iterable[Row]) -> list[dict[str, Any]]:
 
 
 def scenarios(trials: Iterable[Row]) -> list[dict[str, Any]]:
-    """A row per scenario, skill set and reasoner: how the trials ended, and how many of them as is
-    right there."""
+    """A row per scenario, or level that has some, skill set and reasoner: how the trials ended, and
+    how many of them as is right there."""
     return [_scenario(key, group) for key, group in _groups(trials) if _is_scenario(key[0])]
 
 
@@ -43,7 +45,7 @@ def _groups(trials: Iterable[Row]) -> list[tuple[_Key, list[Row]]]:
 
 def _is_scenario(level: str) -> bool:
     known = shipped_levels().get(level)
-    return known is not None and known.is_scenario
+    return known is not None and known.may_be_wrong
 
 
 def _row(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
@@ -92,9 +94,9 @@ def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
         "n": len(trials),
         "faults": len(every) - len(trials),
         "own": measures.model_share(trials),
-        "right": level.right,
-        "rightly": measures.rate(_is_right(t, level) for t in trials),
-        "diagnosed": measures.rate(_is_diagnosed(t, level) for t in trials),
+        "right": level.right if level.is_scenario else VARIES,
+        "rightly": measures.rate(_is_right(t, _of_trial(t, level)) for t in trials),
+        "diagnosed": measures.rate(_is_diagnosed(t, _of_trial(t, level)) for t in trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
         "stopped": measures.rate(_has_stopped(end) for end in ends),
         "exhausted": measures.rate(end in (End.EXHAUSTED, End.REFUSED) for end in ends),
@@ -102,6 +104,11 @@ def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
         "false_accepts": measures.rate(t["judged"] and not measures.inserted(t) for t in trials),
         **{k: v for k, v in _effort(trials).items() if k != "moves"},
     }
+
+
+def _of_trial(trial: Row, level: Level) -> Level:
+    """The level, or the scenario in that trial of it, that says what is right."""
+    return level.in_trial(trial["seed"]) if level.scenarios else level
 
 
 def _has_stopped(end_reason: str) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from pliant.experiment.columns import KINDS
+from pliant.experiment.ladder import VARIES
 from pliant.experiment.measures import is_partly, is_undecided, name
 from pliant.formations import RECOVERABLE
 from pliant.text import escaped
@@ -13,7 +14,12 @@ PARTLY = "†"
 REFERENCE = "rules"
 """The reasoner against which others are shown in each cell; the first one where it is not there."""
 
-_RIGHT = {"insert": "insert", "stop": "stop", "either": "insert or stop"}
+_RIGHT = {
+    "insert": "insert",
+    "stop": "stop",
+    "either": "insert or stop",
+    VARIES: "by trial",
+}
 _PAPERS = ("paper's F, G [%]", "paper's fit, align, insertion")
 _SIMULATED = ("sim", "emulator")
 _CELLS = {

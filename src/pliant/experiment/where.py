@@ -120,7 +120,7 @@ class Where:
         if self.configuration is None:
             return
         cell, known = _OTHERS[self.kind]
-        foreign = [name for name in condition.ranges if name not in known]
+        foreign = [name for name in condition.quantities if name not in known]
         if foreign:
             raise InputError(
                 f"condition '{condition.name}' on level {level} draws {', '.join(foreign)},"

@@ -240,12 +240,19 @@ class SimRobot:
 
     def _view(self, camera: str, time_s: float) -> View:
         """A picture now, or the one before with its old time stamp, or, of a camera that is stuck,
-        with a new one."""
+        with a new one; a dark one where the tip is too low to be shown."""
         is_stale = self._stale.uniform() < self.setup.stale
         is_frozen = self.setup.pictures_frozen > 0.5 and time_s > c.FREEZES_S
         if not ((is_stale or is_frozen) and camera in self._last):
-            self._last[camera] = self.cameras.view(camera, self.data, time_s)
+            view = self.cameras.view(camera, self.data, time_s)
+            is_blind = self._is_too_low()
+            self._last[camera] = replace(view, image=_dark(view.image)) if is_blind else view
         return replace(self._last[camera], time_s=time_s) if is_frozen else self._last[camera]
+
+    def _is_too_low(self) -> bool:
+        """Whether the tip is so close to the board that no camera shows anything."""
+        height = float(self.data.site_xpos[self.tip_site][2] - self.data.xpos[self.board_body][2])
+        return self.setup.blind_below > 0.0 and height < self.setup.blind_below
 
     def halt(self) -> None:
         """Hold where the joints are: their angles plus the servos' error under the tool's weight,
@@ -409,6 +416,11 @@ class SimRobot:
         samples.position.append(self.data.site_xpos[self._site].copy())
         samples.rotation.append(self.data.site_xmat[self._site].reshape(3, 3).copy())
         samples.compression_m.append(compression)
+
+
+def _dark(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The picture of a covered lens."""
+    return np.full_like(image, c.COVERED_LEVEL)
 
 
 class _Samples:

@@ -33,6 +33,7 @@ ROUND_HOLE_SIDES: Final = 12  # flats at +-y, as a 12-gon around the peg's circl
 
 # Arm. --------------------------------------------------------------------------------------------
 SERVO_STIFFNESS_FACTOR: Final = 10.0  # on Menagerie's position gain: 0.2 mm tracking [OWN]
+COVERED_LEVEL: Final = 24  # of 255: what a covered lens shows [OWN]
 FREEZES_S: Final = 4.0  # [s] when the cameras of a trial with frozen pictures get stuck [OWN]
 CONTROL_PERIOD: Final = 0.010  # [s] set points, and how often compression is looked at [OWN]
 ACCELERATION_RAMP: Final = 0.15  # [s] from rest to full speed [OWN]

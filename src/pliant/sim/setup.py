@@ -38,8 +38,9 @@ def place(model: mujoco.MjModel, setup: Setup, time_s: float) -> None:
     struck = _struck(setup, time_s)
     roll = setup.grasp_roll + struck * setup.grasp_turn
     along = rotation_matrix(roll, setup.grasp_pitch, 0.0)
-    grasp = np.zeros(4)
-    mujoco.mju_mulQuat(grasp, _about(setup.grasp_pitch, 2), _about(roll, 1))
+    leaning, grasp = np.zeros(4), np.zeros(4)
+    mujoco.mju_mulQuat(leaning, _about(setup.grasp_pitch, 2), _about(roll, 1))
+    mujoco.mju_mulQuat(grasp, leaning, _about(setup.grasp_yaw, 3))
     heading, way = setup.board_shift_heading, struck * setup.board_shift
     board, peg = model.body(m.BOARD), model.body(m.PEG)
     board.pos[:] = [

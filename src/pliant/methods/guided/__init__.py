@@ -73,7 +73,7 @@ class Guided:
         return signs.signs(task, history, outcome, belief)
 
     def check(self, task: Task, outcome: Outcome, belief: Belief, teaching: Teaching) -> Evidence:
-        return checks.check(task, outcome, teaching.scenes, belief)
+        return checks.check(task, outcome, teaching, belief)
 
     def presses_on(self, step: Step, case: Case) -> bool:
         """Whether a step would press on after a compression stop: Fit, Align and a retreat do not,

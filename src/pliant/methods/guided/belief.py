@@ -6,24 +6,19 @@ from dataclasses import replace
 from statistics import fmean, median
 from typing import Any
 
+import numpy as np
+
 from pliant.belief import Belief, Seen, hang_share
 from pliant.formations import Formation
+from pliant.methods.guided.touch import hangs
 from pliant.pose import Axis
 from pliant.teaching import Teaching
-from pliant.vision.scene import Measured, Scene
+from pliant.vision.scene import Measured, PegSeen
 
 _JUMP_M = 0.003  # a reading so far from the belief is not believed until others agree
 _AGREE = 3  # readings in a row that must agree with each other against the belief
 MEMORY = 5  # readings that the median is taken of
 _FREE_M = 0.008  # a tip this far above the board hangs freely
-
-
-def believed(scene: Scene, belief: Belief) -> Scene:
-    """A measurement with the hole where it is believed to be."""
-    if scene.hole is None or belief.hole_y is None or belief.surface_z is None:
-        return scene
-    hole = replace(scene.hole, y=belief.hole_y, surface_z=belief.surface_z)
-    return replace(scene, hole=hole)
 
 
 def softly(belief: Belief, look: Seen, teaching: Teaching, memory: int = MEMORY) -> Belief:
@@ -62,6 +57,7 @@ def softly(belief: Belief, look: Seen, teaching: Teaching, memory: int = MEMORY)
         if pitch is not None:
             upright = look.pose.pitch - pitch.value / share
             belief = _swung(belief, "upright_pitch", upright, pitch.sd / share)
+            belief = _hanging(belief, look, scene.peg, tilt.value, pitch.value)
     return belief
 
 
@@ -72,6 +68,21 @@ def _swung(belief: Belief, name: str, reading: float, sd: float) -> Belief:
     value = Measured(value=fmean(kept), sd=sd)
     changed: dict[str, Any] = {"readings": readings, name: value}
     return replace(belief, **changed)
+
+
+def _hanging(belief: Belief, look: Seen, peg: PegSeen, tilt: float, pitch: float) -> Belief:
+    """Where the tip hangs in the hand: the mean of the last two readings, as `_swung`'s."""
+    across = look.scene.across
+    if across is None or across.tip_x is None:
+        return belief
+    tip = np.array([across.tip_x.value, peg.tip_y.value, peg.tip_z.value])
+    readings, means = dict(belief.readings), []
+    for axis, reading in zip("xyz", hangs(look.pose, tip, tilt, pitch), strict=True):
+        name = f"tip_{axis}"
+        readings[name] = (*readings.get(name, ()), reading)[-2:]
+        means.append(fmean(readings[name]))
+    x, y, z = means
+    return replace(belief, readings=readings, tip_in_hand=(x, y, z))
 
 
 def in_hand(look: Seen) -> tuple[Measured, Measured | None]:

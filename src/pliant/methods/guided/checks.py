@@ -2,7 +2,7 @@
 wall, and what is measured in metres takes the hole where it is believed to be, so that one wrong
 reading fails nothing."""
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 from pliant.belief import Belief
 from pliant.checks import (
@@ -16,28 +16,37 @@ from pliant.checks import (
     unmade,
 )
 from pliant.formations import Formation
-from pliant.methods.guided.belief import believed
+from pliant.methods.guided.touch import placed, shows_nothing
 from pliant.records import Check, Evidence, Outcome
 from pliant.task import Task
+from pliant.teaching import Teaching
 from pliant.vision.scene import Scene
 
 UPRIGHT_DEPTH_M = 0.001  # Align: the high corner, beyond what is over-read
 DEEP_M = 0.005  # Align: the high corner of a peg that is in the hole, wherever it is read
 ASIDE_M = 0.003  # Align: the tip across the plane of insertion
+_BY_TOUCH = ("metric", "goal_picture")
 FAR_WALL_DEPTH_M = 0.0015
 FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
 
 
-def check(
-    task: Task, outcome: Outcome, taught: Mapping[Formation, Scene], belief: Belief
-) -> Evidence:
-    """Make every check that the executed formation calls for."""
+def check(task: Task, outcome: Outcome, teaching: Teaching, belief: Belief) -> Evidence:
+    """Make every check that the executed formation calls for: by touch, where nothing is seen."""
     metrics = {
         Formation.FIT: metric_far_wall,
         Formation.ALIGN: metric_upright,
         Formation.INSERTION: metric_insertion,
     }
-    return gathered(task, outcome, taught, metrics, believed(outcome.scene, belief))
+    scene = placed(task, teaching, outcome.looks[-1], belief)
+    evidence = gathered(task, outcome, teaching.scenes, metrics, scene)
+    if not shows_nothing(outcome.scene):
+        return evidence
+    return Evidence(
+        checks=tuple(
+            replace(c, message=f"by touch: {c.message}") if c.name in _BY_TOUCH else c
+            for c in evidence.checks
+        )
+    )
 
 
 def metric_far_wall(task: Task, scene: Scene) -> Check:

@@ -13,11 +13,12 @@ from pliant.envelope import Limits
 from pliant.errors import RobotFault
 from pliant.formations import Step
 from pliant.methods.guided.belief import MEMORY, in_hand, softly
+from pliant.methods.guided.touch import placed, shows_nothing
 from pliant.pose import Pose
 from pliant.records import Look, Looking
 from pliant.task import Task
 from pliant.teaching import Teaching
-from pliant.vision.scene import Measured
+from pliant.vision.scene import Measured, PegSeen
 from pliant.vision.surround import FRONT, SIDE
 from pliant.wrist import LIMIT_M, LOADED_M
 
@@ -104,19 +105,27 @@ class HandFrame:
 
 @dataclass(frozen=True, kw_only=True)
 class Tip:
+    """The tip of the peg [m], seen or felt, the peg's corners, and its tilt about the hand's
+    axis."""
+
     tip: tuple[float, float, float]
+    peg: PegSeen
+    tilt: Measured
+    is_felt: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class Corner:
     """The low corner in the hole's frame [m]: x of the peg's axis (0 where it was not looked for),
-    y from the far wall, its depth, and the trailing corner's; whether x was measured."""
+    y from the far wall, its depth, and the trailing corner's; whether x was measured, and whether
+    all of it is felt, not seen."""
 
     x: float
     y: float
     depth: float
     trailing_depth: float
     across: bool
+    is_felt: bool
 
 
 def bounded(value: float, most: float) -> float:
@@ -271,12 +280,15 @@ class Hand:
         look = self._look(cameras)
         self.looks.append(look)
         self.belief = softly(self.belief, self._seen(look), self._teaching, self._manner.memory)
-        peg = look.scene.peg
+        scene = placed(self._task, self._teaching, look, self.belief)
+        peg, across = scene.peg, scene.across
         if peg is None or self.belief.hole_y is None:
             return None
-        across = look.scene.across
         x = across.tip_x.value if across is not None and across.tip_x is not None else self.frame.x
-        return Tip(tip=(x, peg.tip_y.value, peg.tip_z.value))
+        is_felt = shows_nothing(look.scene)
+        tilt = peg.tilt if is_felt else in_hand(self._seen(look))[0]
+        tip = x, peg.tip_y.value, peg.tip_z.value
+        return Tip(tip=tip, peg=peg, tilt=tilt, is_felt=is_felt)
 
     def _seen(self, look: Look) -> Seen:
         return Seen(step=self._step, pose=look.observation.pose, scene=look.scene)
@@ -301,9 +313,7 @@ class Hand:
         seen = self.see(cameras)
         if seen is None:
             return None
-        scene = self.looks[-1].scene
-        peg, across = scene.peg, scene.across
-        assert peg is not None
+        across, peg = self.looks[-1].scene.across, seen.peg
         task, frame = self._task, self.frame
         cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
         x, y = seen.tip[0] - frame.x, seen.tip[1] - frame.y
@@ -315,15 +325,16 @@ class Hand:
             depth=frame.z - peg.left_z,
             trailing_depth=frame.z - peg.right_z,
             across=across is not None and across.tip_x is not None,
+            is_felt=seen.is_felt,
         )
 
     def tip(self) -> tuple[float, Measured] | None:
         """The tip's depth [m] and the peg's tilt [rad] about the hand's axis."""
         self.robot.settle(self._manner.rest_s)
-        peg = self.see((SIDE,))
-        if peg is None:
+        seen = self.see((SIDE,))
+        if seen is None:
             return None
-        return self.frame.z - peg.tip[2], in_hand(self._seen(self.looks[-1]))[0]
+        return self.frame.z - seen.tip[2], seen.tilt
 
     @property
     def frame(self) -> HandFrame:

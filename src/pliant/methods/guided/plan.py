@@ -11,6 +11,7 @@ from pliant.cell import Stop
 from pliant.checks import half_hole, low_corner
 from pliant.formations import Formation, Step
 from pliant.methods.guided.checks import FAR_WALL_M
+from pliant.methods.guided.touch import placed
 from pliant.pose import Axis, describe
 from pliant.records import Case, FailureAnalysis, Outcome, Recovery
 
@@ -29,7 +30,7 @@ def plan(case: Case, by: str) -> Recovery:
     """The next steps after a failed execution of a guided skill."""
     if case.diagnosis is not None and case.diagnosis.is_hopeless:
         return _stop(by, case.diagnosis.leading.words, case.diagnosis.why)
-    scene = case.outcome.scene
+    scene = placed(case.task, case.teaching, case.outcome.looks[-1], case.belief)
     formation = case.outcome.step.formation
     if scene.peg is None or scene.hole is None:
         return _blind(case, by, "; ".join(scene.problems))
@@ -105,7 +106,8 @@ def _next_aim(case: Case) -> float | None:
 def _felt(case: Case, outcome: Outcome, belief: Belief) -> bool | None:
     """Whether Fit ended with the low corner in the hole, at the far wall where it is believed; in
     the hole beyond it, it is elsewhere. None: not in the hole, or not seen."""
-    peg, hole, surface = outcome.scene.peg, belief.hole_y, belief.surface_z
+    peg = placed(case.task, case.teaching, outcome.looks[-1], belief).peg
+    hole, surface = belief.hole_y, belief.surface_z
     if peg is None or hole is None or surface is None:
         return None
     y, z = low_corner(peg)

@@ -13,11 +13,13 @@ from pliant.belief import Belief
 from pliant.checks import DEPTH_MARGIN_M, low_corner
 from pliant.diagnosis import Hypothesis, Sign
 from pliant.formations import Formation
+from pliant.methods.guided.touch import shows_nothing
 from pliant.records import Execution, Outcome
 from pliant.task import Task
 from pliant.vision.scene import Measured
 
 _WIDER_M = 0.002  # healthy: within 0.8 mm
+_NOTHING_SEEN = {Hypothesis.CAMERA_BLIND: 4.0}
 _LOOKS = 3  # that must have measured it
 _LONGER_M = 0.004
 _STILL_M, _WENT_M = 0.0005, 0.010  # of the tip that is seen, and that it must have gone
@@ -35,6 +37,8 @@ def signs(
 ) -> tuple[Sign, ...]:
     """All signs of the executions so far, the last of which ended as `outcome`."""
     all_of = [*((e.outcome, e.belief) for e in history), (outcome, belief)]
+    if any(shows_nothing(look.scene) for o, _ in all_of for look in o.looks):
+        return (Sign(says="pictures show neither peg nor board", speaks=_NOTHING_SEEN),)
     stuck = _of_motion([o for o, _ in all_of])
     if stuck:  # then no picture says anything
         return tuple(stuck)

@@ -40,7 +40,11 @@ to aim [m, rad]."""
 _LEAN = math.radians(10)  # of the hand, past upright: the far corner hangs lowest
 _HOLD = math.radians(15)  # of the hand, the other way: the wrist's torque holds the far wall
 _BEFORE_WALL = 0.005  # [m] before the far wall the low corner touches down
+_NEARER = 0.002  # [m] before it, for another try by touch
+_BEYOND_WALL = 0.002  # [m] beyond it the hand goes on, for a corner that friction holds back
+_APART = 0.0003  # [m] across, between two drags by touch
 _ABOVE = 0.020  # [m] of the tip above the board, at Approach
+_HIGHER = 0.030  # [m] up, where nothing is seen from there
 _TOUCH = 0.004  # [m] of compression that is a touch
 _PRESSED, _LIGHT, _UNLOADED = 0.003, 0.0012, 0.0004  # [m] of compression
 _HOP = 0.002  # [m] up, to travel further than friction lets go
@@ -108,7 +112,10 @@ class GuidedSkills:
         robot, share = hand.robot, hang_share(self.teaching)
         for attempt in range(5):
             robot.settle(self.manner.swing_s)
-            tip = hand.hanging_tip(ALL if attempt == 0 else (SIDE, FRONT))
+            tip = hand.hanging_tip((SIDE, FRONT) if attempt and hand.belief.hole_y else ALL)
+            if tip is None and attempt == 0 and hand.belief.hole_y is None:
+                hand.shift(z=_HIGHER)  # more may be seen from there
+                continue
             if tip is None:
                 return
             goal, off = self._above_hole(hand, tip, shift)
@@ -185,7 +192,9 @@ class GuidedSkills:
                 hand.load(_UNLOADED)
             beside = corner.y - _ON_HOLE
             off = corner.x - (aside if corner.across else 0.0)
-            if inside:
+            if corner.is_felt and not inside:
+                self._rake(hand, attempt, aside)
+            elif inside:
                 hand.shift(y=-max(0.003, min(0.010, corner.y + 0.003)))
             elif abs(beside) > _ASTRAY or abs(off) > _ASIDE:
                 if not hand.lacks("unload"):
@@ -203,6 +212,24 @@ class GuidedSkills:
         hand.shift(x=reach, y=-along)
         hand.dither(math.radians(2.5))
         hand.shift(x=-reach)
+
+    def _rake(self, hand: Hand, attempt: int, aside: float) -> None:
+        """Feel for the hole where nothing is seen: lift off, hang before the far wall, touch, and
+        drag the low corner beyond the wall; then again from nearer, as friction may hold it back,
+        and from a little further across."""
+        hand.shift(z=_HOP)
+        hand.robot.settle(self.manner.swing_s)
+        corner = hand.corner((SIDE, FRONT))
+        if corner is None:
+            return
+        lane, again = divmod(attempt - 1, 2)
+        before = _NEARER if again else _BEFORE_WALL
+        across = _APART * ((lane + 1) // 2) * (1 if lane % 2 else -1)
+        hand.shift(x=aside + across - corner.x, y=before - corner.y)
+        hand.robot.settle(self.manner.swing_s)
+        hand.load(_LIGHT)
+        hand.shift(y=-_BEFORE_WALL - _BEYOND_WALL)  # the same way from nearer goes further
+        hand.dither(math.radians(2.5))
 
     def _align(self, hand: Hand, shift: Partial) -> None:
         """Turn the peg upright under a light load, its tip held at the far wall."""
