@@ -34,6 +34,20 @@ def failed() -> Case:
     return case
 
 
+ABOVE = np.full((48, 64, 3), 90, np.uint8)
+
+
+def taken_from_above(case: Case) -> Case:
+    """The case, whose first execution took a picture with the oblique camera, too."""
+    first, *rest = case.history
+    look, *others = first.outcome.looks
+    view = replace(look.observation.views["side"], image=ABOVE)
+    views = {**look.observation.views, "oblique": view}
+    look = replace(look, observation=replace(look.observation, views=views))
+    first = replace(first, outcome=replace(first.outcome, looks=(look, *others)))
+    return replace(case, history=(first, *rest))
+
+
 def words(content: list[UserContent]) -> str:
     return "\n".join(item for item in content if isinstance(item, str))
 
@@ -133,6 +147,15 @@ def test_without_pictures_none_is_sent() -> None:
     for case in (failed(), shallow()):
         settings = replace(PAPER, picture=False, goal_picture=False)
         assert not any(e.pictures for e in exchanges_of(settings, case))
+
+
+def test_the_picture_from_above_is_shown_if_asked_for_where_one_was_taken() -> None:
+    shown = replace(PAPER, oblique_picture=True)
+    above = exchanges_of(shown, taken_from_above(failed()))
+    assert all("from above and aside" in e.request for e in above)
+    assert all((e.pictures[-1] == ABOVE).all() for e in above)
+    for settings, case in ((shown, failed()), (PAPER, taken_from_above(failed()))):
+        assert not any("from above" in e.request for e in exchanges_of(settings, case))
 
 
 def test_the_goal_picture_is_shown_when_insertion_is_judged_and_says_which_peg() -> None:

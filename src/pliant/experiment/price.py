@@ -63,7 +63,9 @@ def _trial(cell: Cell) -> tuple[float, float, float]:
     if settings.recover is Decider.VLM:
         requests += _RECOVERIES * (1 if settings.one_call else 2)
     pictures = (
-        settings.picture * 1.0 + (settings.goal_picture and settings.judge is Decider.VLM) / 6
+        settings.picture * 1.0
+        + settings.oblique_picture * 1.0
+        + (settings.goal_picture and settings.judge is Decider.VLM) / 6
     )
     sent = requests * (_WORDS + pictures * _PICTURE[settings.detail])
     return requests, sent, requests * (_REPLY + _THOUGHTS[settings.effort])

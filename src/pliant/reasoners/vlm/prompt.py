@@ -24,6 +24,7 @@ from pliant.reasoners.vlm.figures import figures
 from pliant.reasoners.vlm.settings import Decider, Settings
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
 from pliant.vision.scene import Measured, Scene
+from pliant.vision.surround import OBLIQUE
 
 ASKED = {
     "judge": "judge this execution.",
@@ -110,8 +111,21 @@ def situation(
         ]
         if "front" in views:
             content += ["The same from the front:", picture(views["front"].image)]
+    above = _from_above(case) if settings.oblique_picture else None
+    if above is not None:
+        content += ["The hole from above and aside, before the peg came down:", picture(above)]
     content.append(f"Asked of you now: {asked} Give your answer in the required structure.")
     return content
+
+
+def _from_above(case: Case) -> NDArray[np.uint8] | None:
+    """The last picture that the oblique camera took in this trial; None: it took none."""
+    for outcome in (case.outcome, *(e.outcome for e in reversed(case.history))):
+        for look in reversed(outcome.looks):
+            view = look.observation.views.get(OBLIQUE)
+            if view is not None:
+                return view.image
+    return None
 
 
 def _sections(

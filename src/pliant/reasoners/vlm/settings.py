@@ -75,6 +75,9 @@ class Settings:
     """Who analyses and plans: vlm or rules."""
     picture: bool = True
     """Show the picture taken after the skill."""
+    oblique_picture: bool = False
+    """Show the last picture from above and aside, too, which a guided skill takes before the peg
+    comes down: alone it shows what is in the hole or lies across it."""
     goal_picture: bool = True
     """Show the goal picture when Insertion is judged."""
     pose_check: bool = True
