@@ -130,6 +130,7 @@ def test_workers_end_with_the_process_that_they_work_for(tmp_path: Path) -> None
 
 EXPORT = """
 import sys, time
+from contextlib import closing
 from pathlib import Path
 from pliant import signals
 from pliant.export import lerobot
@@ -143,17 +144,20 @@ lerobot.episode = slow
 if __name__ == "__main__":
     signals.heed()
     with filling(Path(sys.argv[0]).with_name("out")):
-        for made in lerobot._made([0, 1, 1, 1], 2):
-            print("ready", flush=True)
+        with closing(lerobot._made([0, 1, 1, 1], 2)) as episodes:
+            for made in episodes:
+                print("ready", flush=True)
+                time.sleep(PAUSE_S)
 """
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("name", ENDING)
+@pytest.mark.parametrize("pause_s", [0, 600], ids=["while it draws", "while it writes"])
 def test_an_export_that_is_asked_to_end_leaves_no_worker_and_no_file(
-    tmp_path: Path, name: str
+    tmp_path: Path, name: str, pause_s: int
 ) -> None:
-    with script(tmp_path, EXPORT) as process:
+    with script(tmp_path, EXPORT.replace("PAUSE_S", str(pause_s))) as process:
         os.killpg(process.pid, getattr(signal, name))
         process.wait(WITHIN_S)
         assert_all_end(process.pid)

@@ -7,10 +7,10 @@ import json
 import multiprocessing
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,7 +89,8 @@ def write(
     with filling(out) as folder:
         with ExitStack() as stack:
             writer = _Writer(folder, fps, tuple(cameras), stack)
-            for n, made in enumerate(_made(jobs, workers or os.cpu_count() or 1), start=1):
+            episodes = stack.enter_context(closing(_made(jobs, workers or os.cpu_count() or 1)))
+            for n, made in enumerate(episodes, start=1):
                 writer.add(made)
                 progress(n, len(jobs))
         writer.finish(counts(chosen))
@@ -98,8 +99,8 @@ def write(
     return counts(chosen)
 
 
-def _made(jobs: Sequence[EpisodeJob], workers: int) -> Iterator[Episode]:
-    """The episodes in order, made in this process or in several."""
+def _made(jobs: Sequence[EpisodeJob], workers: int) -> Generator[Episode, None, None]:
+    """The episodes in order, made in this process or in several, which are ended with it."""
     if workers == 1 or len(jobs) == 1:
         yield from map(episode, jobs)
         return
@@ -108,17 +109,18 @@ def _made(jobs: Sequence[EpisodeJob], workers: int) -> Iterator[Episode]:
     with ProcessPoolExecutor(
         min(workers, len(jobs)), mp_context=spawn, initializer=signals.work_for_parent
     ) as pool:
+        unwanted = True  # what is drawn, where this is left early: also between two episodes
         try:
             yield from pool.map(episode, jobs)
-        except KeyboardInterrupt:
-            for worker in set(multiprocessing.active_children()) - others:
-                worker.kill()  # what it draws is not wanted any more
-            raise
+            unwanted = False
         except BrokenProcessPool as error:
             raise InputError(
                 "a worker process died while it drew a trial: try again with --workers 1"
             ) from error
         finally:
+            if unwanted:
+                for worker in set(multiprocessing.active_children()) - others:
+                    worker.kill()
             pool.shutdown(cancel_futures=True)
 
 
