@@ -71,7 +71,7 @@ QUALITY = 80  # of the pictures that the guided skills took, as a camera sends t
 GUIDED_LEVELS = tuple(n for n, v in shipped_levels().items() if not v.may_be_wrong and n != "L0")
 STOPS = tuple(n for n, v in shipped_levels().items() if v.is_scenario and v.right == STOP)
 FAILS_SELDOM = ("L3", "L5", "L5+", "L6", "L6+", "L8")  # where a reasoner must waver more
-NEAR_MISSES = ("bar_beside", "lying_camera")
+NEAR_MISSES = ("bar_beside", "lying_camera", "blind")
 PLANAR = (("rules", RASH), ("messages", FAR), ("sweep", FAR), ("retry", RASH))
 PEGS = ("circle", "square", "rectangle_narrow")
 
@@ -112,9 +112,9 @@ def jobs() -> Iterator[Job]:
             peg = pegs[(turn + number) % len(pegs)] if len(pegs) > 3 else pegs[turn]
             seed = FIRST_SEED + 10 * number
             yield Job(level=level, peg=peg, seed=seed)
-            yield Job(level=level, peg=peg, seed=seed + 1, scenario=STOPS[number % len(STOPS)])
+            yield Job(level=level, peg=peg, seed=seed + 1, scenario=_strange(number, peg))
             if turn == number // 3 % 3:
-                near = NEAR_MISSES[number // 3 % 2]
+                near = NEAR_MISSES[number // 3 % len(NEAR_MISSES)]
                 yield Job(level=level, peg=peg, seed=seed + 2, scenario=near)
             number += 1
     for level in FAILS_SELDOM:
@@ -123,20 +123,25 @@ def jobs() -> Iterator[Job]:
         for turn in range(2):
             peg, seed = pegs[(number + turn) % len(pegs)], FIRST_SEED + 500 + 10 * number + turn
             yield Job(level=level, peg=peg, seed=seed, way=1)
-        strange = STOPS[number % len(STOPS)]
-        yield Job(level=level, peg=peg, seed=seed + 5, scenario=strange, way=1)
+        yield Job(level=level, peg=peg, seed=seed + 5, scenario=_strange(number, peg), way=1)
     for number, level in enumerate(GUIDED_LEVELS):  # failures that can be mended are rare
         pegs = load_level(level).pegs
         for turn in range(3):
             peg, seed = pegs[(number + turn) % len(pegs)], FIRST_SEED + 2000 + 10 * number + turn
             yield Job(level=level, peg=peg, seed=seed, way=1)
-        strange = STOPS[(number + 2) % len(STOPS)]
-        yield Job(level=level, peg=peg, seed=seed + 5, scenario=strange, way=1)
+        yield Job(level=level, peg=peg, seed=seed + 5, scenario=_strange(number + 2, peg), way=1)
     for scenario in STOPS:
-        for peg in PEGS:
+        for peg in load_level(scenario).pegs:
             for way, (name, _) in enumerate(PLANAR):
                 seed = FIRST_SEED + 1000 + 10 * STOPS.index(scenario) + way
                 yield Job(level="L0", peg=peg, seed=seed, scenario=scenario, reasoner=name, way=way)
+
+
+def _strange(number: int, peg: str) -> str:
+    """The scenario whose turn it is, of those that are strange with this peg: a round one that is
+    turned in the grasp is as it was."""
+    others = [s for s in STOPS if peg in load_level(s).pegs or peg not in PEGS]
+    return others[number % len(others)]
 
 
 # --- one trial ---------------------------------------------------------------------------------
@@ -145,7 +150,8 @@ def jobs() -> Iterator[Job]:
 @dataclass(kw_only=True)
 class Wavering:
     """The rules with the guided skills, which waver at first: a good verdict is turned now and
-    then, and a goal of Fit or Align shifted. It keeps the last case."""
+    then, and a goal of Fit or Align shifted. They go by no sign that something is wrong, so that a
+    trial goes on where it is. It keeps the last case."""
 
     draw: np.random.Generator
     way: tuple[float, float, float]
@@ -154,14 +160,14 @@ class Wavering:
 
     def judge(self, case: Case) -> Verdict:
         self.case = case
-        verdict = Rules().judge(case)
+        verdict = Rules().judge(_unsuspecting(case))
         turned = self.draw.random() < self.way[0] and self._wavers(case)
         if verdict.success and turned and case.outcome.step.formation in RECOVERABLE:
             return replace(verdict, success=False)
         return verdict
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
-        recovery = Rules().recover(case, verdict)
+        recovery = Rules().recover(_unsuspecting(case), verdict)
         by_y, by_x = (float(self.draw.uniform(-m, m)) if m else 0.0 for m in self.way[1:])
         if recovery is None or not recovery.steps or not self._wavers(case):
             return recovery
@@ -175,6 +181,12 @@ class Wavering:
     @staticmethod
     def _wavers(case: Case) -> bool:
         return len(case.history) < WAVERS_UNTIL
+
+
+def _unsuspecting(case: Case) -> Case:
+    """The case without its signs, and the check that is made of them."""
+    checks = tuple(c for c in case.evidence.checks if c.name != "plausible")
+    return replace(case, diagnosis=None, evidence=replace(case.evidence, checks=checks))
 
 
 def watch(job: Job) -> list[BenchCase]:

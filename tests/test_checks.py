@@ -325,3 +325,6 @@ def test_a_sensor_that_never_answered_is_excused_at_the_end_only_by_a_peg_in_the
     inserting = replace(contact, step=replace(contact.step, formation=Formation.INSERTION))
     assert ("never answered" in str(doubted(inserting, answered=False))) is is_doubted
     assert doubted(inserting) is None
+    unseen = replace(inserting, looks=(replace(inserting.looks[0], scene=UNSEEN),))
+    assert "no picture shows" in str(doubted(unseen, answered=False))
+    assert doubted(unseen) is None

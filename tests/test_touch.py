@@ -12,13 +12,16 @@ from stand_ins import UNSEEN, outcome_of, prepared
 
 from pliant import run
 from pliant.belief import Belief, hang_share
-from pliant.conditions import Setup
+from pliant.conditions import Setup, condition
 from pliant.diagnosis import Hypothesis
+from pliant.experiment.one import Spec, perform
 from pliant.formations import Formation
+from pliant.levels import load_level
 from pliant.methods.guided import Guided
 from pliant.methods.guided.touch import hangs, placed
 from pliant.pose import Axis, Pose, rotation_matrix
-from pliant.records import Look
+from pliant.records import End, Look, Trial
+from pliant.sim.cell import SimCell
 from pliant.task import load_task
 from pliant.teaching import shipped
 from pliant.vision.scene import Measured, Scene
@@ -127,3 +130,40 @@ def test_only_a_blind_camera_is_dark_and_only_near_the_board() -> None:
     robot = prepared(setup=Setup(seed=0))
     robot.move_to(replace(down, z=down.z - 0.03), speed_m_s=0.05, stop_at_compression_m=0.02)
     assert robot.observe(("side",)).views["side"].image.std() > 10.0  # also in the hole
+
+
+def blind_and(**ranges: tuple[float, float]) -> Trial:
+    """A trial in which no camera shows anything near the board, and something else is so."""
+    level = load_level("blind")
+    drawn = level.on(condition("all"))
+    also = replace(drawn, name="both", ranges={**drawn.ranges, **ranges})
+    spec = Spec.named(peg="square", level="blind", condition=also, seed=771)
+    return perform(spec, SimCell(), shipped())
+
+
+def test_a_board_that_lies_anywhere_is_looked_at_from_higher_first() -> None:
+    trial = blind_and(hole_x=(-0.01, 0.01), board_yaw=(-0.17, 0.17), grasp_pitch=(-0.08, 0.08))
+    assert trial.inserted
+    heights = [look.observation.pose.z for look in trial.executions[0].outcome.looks]
+    assert max(heights) == pytest.approx(heights[0] + 0.03, abs=0.002)
+
+
+def test_nothing_is_accepted_by_touch_of_a_sensor_that_never_answered() -> None:
+    trial = blind_and(compression_dead=(1.0, 1.0), compression_noise=(0.0003, 0.0003))
+    assert trial.end_reason == "fault:sensor"
+    assert "no picture shows where the peg is" in trial.fault
+
+
+def test_a_peg_that_was_seen_to_be_short_is_not_put_in_blind() -> None:
+    trial = blind_and(peg_longer=(-0.015, -0.015))
+    assert trial.end_reason == End.STOPPED
+    assert trial.diagnosis is not None
+    assert trial.diagnosis.leading is Hypothesis.PEG_OTHER
+
+
+def test_a_hole_that_is_not_found_by_touch_ends_the_trial_with_words() -> None:
+    trial = blind_and(bar_height=(0.005, 0.005))
+    assert trial.end_reason == End.STOPPED
+    recovery = trial.executions[-1].recovery
+    assert recovery is not None
+    assert recovery.analysis.what == "the hole was not found"

@@ -137,8 +137,10 @@ def doubt(
     if seen is not None and seen - felt > SEEN_M:
         return f"the picture shows {seen * 1e3:.1f} mm, {felt * 1e3:.1f} mm is felt"
     scene = outcome.scene
-    if outcome.step.formation is not Formation.INSERTION or answered or scene.peg is None:
+    if outcome.step.formation is not Formation.INSERTION or answered:
         return None
+    if scene.peg is None:
+        return "it has never answered to being pressed, and no picture shows where the peg is"
     surface = scene.hole.surface_z.value if scene.hole is not None else 0.0
     if scene.peg.tip_z.value < surface - UNFELT_M:
         return None

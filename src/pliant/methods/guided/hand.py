@@ -293,6 +293,11 @@ class Hand:
     def _seen(self, look: Look) -> Seen:
         return Seen(step=self._step, pose=look.observation.pose, scene=look.scene)
 
+    @property
+    def is_blind(self) -> bool:
+        """Whether the last pictures showed nothing."""
+        return bool(self.looks) and shows_nothing(self.looks[-1].scene)
+
     def hanging_tip(self, cameras: Sequence[str]) -> tuple[float, float, float] | None:
         """The tip of the hanging peg [m], from two looks half a swing apart, whose mean is where it
         will come to rest."""

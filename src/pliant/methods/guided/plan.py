@@ -11,7 +11,7 @@ from pliant.cell import Stop
 from pliant.checks import half_hole, low_corner
 from pliant.formations import Formation, Step
 from pliant.methods.guided.checks import FAR_WALL_M
-from pliant.methods.guided.touch import placed
+from pliant.methods.guided.touch import placed, shows_nothing
 from pliant.pose import Axis, describe
 from pliant.records import Case, FailureAnalysis, Outcome, Recovery
 
@@ -23,6 +23,7 @@ _ASIDE_M = 0.0048  # more is wide
 _DEEP_M = 0.0015  # a low corner so deep is in the hole
 _IN_HOLE = 0.0005  # [m] of the tip
 _BLIND = 4  # executions in a row whose pictures do not show it all: no more are tried
+_RAKES = 6  # executions of Fit by touch
 _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
 
 
@@ -74,10 +75,17 @@ def _tired(case: Case, formation: Formation) -> bool:
 def _touch_down_anew(case: Case, by: str, what: str, why: str) -> Recovery:
     """Plan to touch down anew where it was not tried yet."""
     aim = _next_aim(case)
-    if aim is None:
+    if aim is None or _felt_in_vain(case):
         return _stop(by, "the hole was not found", f"{what} wherever it is felt for")
     how = f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen"
     return _steps(case, by, what, why, how, Formation.FIT, aim=aim)
+
+
+def _felt_in_vain(case: Case) -> bool:
+    """Whether Fit has raked the place often enough where nothing is seen."""
+    outcomes = [*(e.outcome for e in case.history), case.outcome]
+    fits = [o for o in outcomes if o.step.formation is Formation.FIT and shows_nothing(o.scene)]
+    return len(fits) >= _RAKES
 
 
 def _next_aim(case: Case) -> float | None:

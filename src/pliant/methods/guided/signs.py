@@ -16,12 +16,13 @@ from pliant.formations import Formation
 from pliant.methods.guided.touch import shows_nothing
 from pliant.records import Execution, Outcome
 from pliant.task import Task
-from pliant.vision.scene import Measured
+from pliant.vision.scene import Measured, Scene
 
 _WIDER_M = 0.002  # healthy: within 0.8 mm
-_NOTHING_SEEN = {Hypothesis.CAMERA_BLIND: 4.0}
+_NOTHING_SEEN = {Hypothesis.CAMERA_BLIND: 3.0}
 _LOOKS = 3  # that must have measured it
 _LONGER_M = 0.004
+_PITCHED = math.radians(2.0)
 _STILL_M, _WENT_M = 0.0005, 0.010  # of the tip that is seen, and that it must have gone
 _FLAT_M = 0.0015  # a low corner so far below the board has found an edge
 _HIGH_M, _CLEARLY_HIGH_M = 0.0012, 0.0025  # the low corner above the board, pressed onto it
@@ -38,7 +39,8 @@ def signs(
     """All signs of the executions so far, the last of which ended as `outcome`."""
     all_of = [*((e.outcome, e.belief) for e in history), (outcome, belief)]
     if any(shows_nothing(look.scene) for o, _ in all_of for look in o.looks):
-        return (Sign(says="pictures show neither peg nor board", speaks=_NOTHING_SEEN),)
+        blind = Sign(says="pictures show neither peg nor board", speaks=_NOTHING_SEEN)
+        return (blind, *_of_size([o for o, _ in all_of]))
     stuck = _of_motion([o for o, _ in all_of])
     if stuck:  # then no picture says anything
         return tuple(stuck)
@@ -73,7 +75,7 @@ def _of_motion(outcomes: Sequence[Outcome]) -> list[Sign]:
 
 def _of_size(outcomes: Sequence[Outcome]) -> list[Sign]:
     """The peg is wider, narrower, longer or shorter than it should be, by one of the cameras."""
-    scenes = [look.scene for outcome in outcomes for look in outcome.looks]
+    scenes = [s for o in outcomes for look in o.looks if not _leans_away(s := look.scene)]
     pegs = [scene.peg for scene in scenes if scene.peg is not None]
     across = [scene.across for scene in scenes if scene.across is not None]
     found = []
@@ -93,6 +95,13 @@ def _of_size(outcomes: Sequence[Outcome]) -> list[Sign]:
             )
             found.append(Sign(says=says, speaks={Hypothesis.PEG_OTHER: 5.0}))
     return found
+
+
+def _leans_away(scene: Scene) -> bool:
+    """Whether the front camera shows the peg to lean along the side camera's view, which then
+    measures it longer than it is."""
+    across = scene.across
+    return across is not None and across.pitch is not None and abs(across.pitch.value) > _PITCHED
 
 
 def _height(outcome: Outcome, belief: Belief, *formations: Formation) -> float | None:

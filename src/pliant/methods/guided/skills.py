@@ -44,6 +44,7 @@ _NEARER = 0.002  # [m] before it, for another try by touch
 _BEYOND_WALL = 0.002  # [m] beyond it the hand goes on, for a corner that friction holds back
 _APART = 0.0003  # [m] across, between two drags by touch
 _ABOVE = 0.020  # [m] of the tip above the board, at Approach
+_STILL_S = 2.5  # until the swing has died down
 _HIGHER = 0.030  # [m] up, where nothing is seen from there
 _TOUCH = 0.004  # [m] of compression that is a touch
 _PRESSED, _LIGHT, _UNLOADED = 0.003, 0.0012, 0.0004  # [m] of compression
@@ -110,29 +111,34 @@ class GuidedSkills:
         """Hang leaning above the hole, the low corner over its far wall, as the cameras show it;
         turned from there [rad]."""
         robot, share = hand.robot, hang_share(self.teaching)
+        higher = 0.0
         for attempt in range(5):
             robot.settle(self.manner.swing_s)
-            tip = hand.hanging_tip((SIDE, FRONT) if attempt and hand.belief.hole_y else ALL)
-            if tip is None and attempt == 0 and hand.belief.hole_y is None:
-                hand.shift(z=_HIGHER)  # more may be seen from there
+            tip = hand.hanging_tip(ALL if attempt == 0 or higher else (SIDE, FRONT))
+            if attempt == 0 and hand.is_blind:
+                higher = _HIGHER
+                hand.shift(z=higher)  # more may be seen from there
                 continue
             if tip is None:
-                return
-            goal, off = self._above_hole(hand, tip, shift)
+                break
+            goal, off = self._above_hole(hand, tip, shift, higher)
             turned = max(
                 abs(goal.roll - hand.at.roll),
                 abs(goal.pitch - hand.at.pitch),
                 abs(goal.yaw - hand.at.yaw),
             )
             if off < _NEAR_ENOUGH and turned * share < _TURNED_ENOUGH:
-                return
+                break
             hand.to(goal, self.manner.free_speed_m_s)
+        if higher:
+            hand.shift(z=-higher)
+            robot.settle(_STILL_S)  # no picture will tell how far it still swings
 
     def _above_hole(
-        self, hand: Hand, tip: tuple[float, float, float], shift: Partial
+        self, hand: Hand, tip: tuple[float, float, float], shift: Partial, higher: float
     ) -> tuple[Pose, float]:
-        """The pose of the hinge for which the tip hangs where it should, and how far from there the
-        tip is [m]."""
+        """The pose of the hinge for which the tip hangs where it should, or `higher` [m], and how
+        far from there the tip is [m]."""
         frame, belief = hand.frame, hand.belief
         lean = hang_share(self.teaching) * _LEAN  # about; what it is will be seen
         half = self.task.peg.half_extents[1]
@@ -141,7 +147,7 @@ class GuidedSkills:
             [
                 0.0,
                 -wall + _BEFORE_WALL + half * math.cos(lean),
-                _ABOVE + half * math.sin(lean),
+                _ABOVE + higher + half * math.sin(lean),
             ]
         )
         error = frame.point(aim) - np.array(tip)
