@@ -95,3 +95,12 @@ def test_a_method_that_does_not_look_for_signs_is_not_said_to_believe_the_task()
     assert [execution.diagnosis for execution in trial.executions] == [None] * len(trial.executions)
     row = trial_row(replace(trial, end_reason=End.STOPPED))
     assert row["diagnosis"] is row["diagnosis_weight"] is None
+
+
+# The sight by edges sees a peg here, and then in the hole.
+def test_an_empty_gripper_that_a_picture_takes_for_a_peg_is_told_by_what_is_never_felt() -> None:
+    trial = run(level="L9", peg="rectangle_narrow", seed=33005)
+    assert trial.end_reason == End.STOPPED
+    assert trial.diagnosis is not None
+    assert trial.diagnosis.leading is Hypothesis.PEG_MISSING
+    assert "nothing was felt" in trial.diagnosis.why

@@ -57,6 +57,7 @@ _WORDS = {
 OF_FAULTS = {
     "fault:sensor": (Hypothesis.SENSOR_WRONG, Hypothesis.SENSOR_WRONG),
     "fault:no_touch": (Hypothesis.PEG_MISSING, Hypothesis.SENSOR_WRONG),
+    "fault:held": (Hypothesis.PEG_MISSING, Hypothesis.SENSOR_WRONG),
 }
 """The hypotheses that the cell itself decides, by how it ends a trial: where no picture showed a
 peg, and where one did."""

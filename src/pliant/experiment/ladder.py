@@ -10,7 +10,7 @@ from pliant.experiment.measures import Row
 from pliant.levels import INSERT, STOP, Level, shipped_levels
 from pliant.records import End
 
-STOPPED_BY = ("fault:no_touch", "fault:sensor", "fault:loaded")
+STOPPED_BY = ("fault:no_touch", "fault:sensor", "fault:loaded", "fault:held")
 VARIES = "varies"
 """What is right on a level that has scenarios: it depends on the trial."""
 PAPERS_LEVEL = "L0"

@@ -17,8 +17,10 @@ from pliant.records import Case, FailureAnalysis, Outcome, Recovery
 
 _NEAR = (0.0, -0.0015, 0.0015, -0.003, 0.003, -0.0045)
 _WIDE = (0.010, -0.010, 0.017, -0.017, 0.005, -0.005)
+_NEAR_FIRST = 2
 """The places [m], from where the hole is seen, at which it is felt for in turn: near where an edge
-was felt there, else wide, as a camera may be off. Fit finds a hole that is up to 3 mm from them."""
+was felt there, else, after the first of those, wide, as a camera may be off. Fit finds a hole that
+is up to 3 mm from them."""
 _ASIDE_M = 0.0048  # more is wide
 _DEEP_M = 0.0015  # a low corner so deep is in the hole
 _IN_HOLE = 0.0005  # [m] of the tip
@@ -104,7 +106,7 @@ def _next_aim(case: Case) -> float | None:
     wide = len(again) - near
     felt = [_felt(case, o, b) for shift, o, b in fits if abs(shift) < _ASIDE_M]
     is_there = True in felt and False not in felt
-    if near == 0 or (is_there and near < len(_NEAR)):
+    if near < _NEAR_FIRST or (is_there and near < len(_NEAR)):
         return _NEAR[near]
     if wide < len(_WIDE):
         return _WIDE[wide]

@@ -26,6 +26,7 @@ _PITCHED = math.radians(2.0)
 _STILL_M, _WENT_M = 0.0005, 0.010  # of the tip that is seen, and that it must have gone
 _FLAT_M = 0.0015  # a low corner so far below the board has found an edge
 _HIGH_M, _CLEARLY_HIGH_M = 0.0012, 0.0025  # the low corner above the board, pressed onto it
+_FELT_M = 0.002  # of compression; they press by 3 mm
 _HELD_M = 0.005  # of compression that does not bring it deeper
 _UPRIGHT = math.radians(1.5)
 _SAME_DEPTH_M = 0.0005
@@ -47,6 +48,7 @@ def signs(
     return (
         *_of_size([o for o, _ in all_of]),
         *(sign for o, b in all_of if (sign := _of_height(o, b)) is not None),
+        *_of_touch([o for o, _ in all_of]),
         *_of_search(all_of),
         *_of_depth(task, all_of),
         *_of_place(outcome, belief),
@@ -121,6 +123,19 @@ def _of_height(outcome: Outcome, belief: Belief) -> Sign | None:
     says = f"pressed down over the hole, the peg stands {height * 1e3:.1f} mm above the board"
     clearly = height >= _CLEARLY_HIGH_M
     return Sign(says=says, speaks={Hypothesis.OBJECT_ON_BOARD: 2.0 if clearly else 1.3})
+
+
+def _of_touch(outcomes: Sequence[Outcome]) -> list[Sign]:
+    """Contact or Fit moved, which press the peg, and nothing was felt."""
+    found = []
+    for outcome in outcomes:
+        presses = outcome.step.formation in (Formation.CONTACT, Formation.FIT)
+        felt = [look.observation.compression_m for look in outcome.looks]
+        if presses and outcome.motions and max(outcome.peak_compression_m, *felt) < _FELT_M:
+            says = f"{outcome.step.formation} pressed the peg down, and nothing was felt"
+            speaks = {Hypothesis.PEG_MISSING: 2.3, Hypothesis.SENSOR_WRONG: 1.0}
+            found.append(Sign(says=says, speaks=speaks))
+    return found
 
 
 def _of_search(all_of: Sequence[tuple[Outcome, Belief]]) -> list[Sign]:
