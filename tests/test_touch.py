@@ -109,6 +109,15 @@ def test_what_is_felt_has_no_pixels_and_a_check_says_that_it_is_by_touch() -> No
     assert metric.message.startswith("by touch: 20.0 mm deep")
 
 
+@given(st.floats(0.006, 0.030))
+def test_a_peg_counts_as_inserted_by_touch_only_with_room_for_it_to_have_slid(depth: float) -> None:
+    belief = believed(Pose(z=0.2), np.array([0.0, 0.0, -depth]), 0.0, 0.0)
+    outcome = replace(outcome_of(Formation.INSERTION), looks=(look_at(Pose(z=0.2)),))
+    metric = Guided().check(CIRCLE, outcome, belief, TEACHING)["metric"]
+    assert metric is not None
+    assert metric.vote == (depth >= 0.010 + 0.0008 + 0.005)
+
+
 @pytest.mark.parametrize("peg", ["circle", "rectangle_narrow"])
 def test_a_peg_is_inserted_though_no_camera_shows_it_near_the_board(peg: str) -> None:
     trial = run(level="blind", peg=peg, seed=43001)

@@ -16,7 +16,7 @@ from pliant.checks import (
     unmade,
 )
 from pliant.formations import Formation
-from pliant.methods.guided.touch import placed, shows_nothing
+from pliant.methods.guided.touch import SLIDES_M, placed, shows_nothing
 from pliant.records import Check, Evidence, Outcome
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -38,9 +38,10 @@ def check(task: Task, outcome: Outcome, teaching: Teaching, belief: Belief) -> E
         Formation.INSERTION: metric_insertion,
     }
     scene = placed(task, teaching, outcome.looks[-1], belief)
-    evidence = gathered(task, outcome, teaching.scenes, metrics, scene)
     if not shows_nothing(outcome.scene):
-        return evidence
+        return gathered(task, outcome, teaching.scenes, metrics, scene)
+    surely = replace(task, depth=task.depth + SLIDES_M)
+    evidence = gathered(surely, outcome, teaching.scenes, metrics, scene)
     return Evidence(
         checks=tuple(
             replace(c, message=f"by touch: {c.message}") if c.name in _BY_TOUCH else c

@@ -23,6 +23,7 @@ from pliant.belief import Belief, hang_share
 from pliant.cell import Robot
 from pliant.formations import Formation, Step
 from pliant.methods.guided.hand import SLICE, WORKED, Hand, Manner, Stopped, bounded
+from pliant.methods.guided.touch import SLIDES_M
 from pliant.pose import Axis, Partial, Pose
 from pliant.records import Looking, Outcome
 from pliant.task import Task
@@ -314,6 +315,8 @@ class GuidedSkills:
             if seen is None:
                 return
             depth, tilt = seen
+            if hand.is_blind:
+                depth -= SLIDES_M
             if depth >= deepest:
                 return
             if depth - before < 0.3 * SLICE:

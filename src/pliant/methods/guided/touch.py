@@ -15,6 +15,9 @@ from pliant.teaching import Teaching
 from pliant.vision.scene import Across, HoleSeen, Measured, PegSeen, Scene
 
 _TILT_SD, _TIP_SD, _HEIGHT_SD = math.radians(1.0), 0.001, 0.0005  # [rad, m, m]
+SLIDES_M = 0.005
+"""How far [m] a peg may have slid up in the grasp unseen: so much deeper it must be by touch."""
+
 _NO_PIXEL = (math.nan, math.nan)
 _NO_BOX = (_NO_PIXEL,) * 4
 
