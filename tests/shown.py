@@ -163,6 +163,7 @@ HOSTED = NotRun(because="asks a hosted model")
 SERVER = Elsewhere(test="test_vlm_server.py", word="base_url")
 INSTALLS = Elsewhere(test="../tools/smoke_wheel.sh", word="pip install")
 SHELLS = Elsewhere(test="test_wrong_words.py", word="--tyro-print-completion")
+EMULATED = Elsewhere(test="test_tutorials.py", word="own-robot.md")
 REAL = NotRun(because="moves a real cell")
 PICTURE = NotRun(because="a picture drawn with characters")
 MINE = {"mine.py": ("docs/how-to/reasoner.md", "mine.py")}
@@ -528,6 +529,39 @@ PAGES: Mapping[str, Page] = {
             "pliant run --cell cell.yaml --air": Elsewhere(
                 test="test_check_cell_rehearsal.py", word="air"
             ),
+        }
+    ),
+    "docs/tutorials/first-peg.md": Page(
+        blocks={
+            "keyed_plug.yaml": Comes(then=inserts),
+            "pliant run --peg keyed_plug.yaml": Comes(less="--no-video", says=INSERTED),
+            "text 1": Comes(then=is_shown_by("pliant run --peg keyed_plug.yaml")),
+            "pliant experiment --pegs keyed_plug.yaml --reasoners none rules --trials 10"
+            " --save failures --out runs/plug": Comes(
+                says=(
+                    r"\| keyed_plug \| all \| none \| 10 \| 20\.0 .*\| 20\.0 ",
+                    r"\| keyed_plug \| all \| rules \| 10 \| 100\.0 .*\| 100\.0 ",
+                ),
+                slow=True,
+            ),
+            "pliant view runs/plug": Comes(
+                makes=("runs/plug/trials/L0-keyed_plug-all-none-*/index.html",), slow=True
+            ),
+        }
+    ),
+    "docs/tutorials/own-robot.md": Page(
+        blocks={
+            "loud.py": Comes(),
+            "pliant run --cell loud.py:LoudCell": Comes(
+                says=(*INSERTED, r"^moved to y \+26\.0, z 21\d\.\d mm: reached$")
+            ),
+            "python -m pliant.emulator --client-patience 20": EMULATED,
+            "python 1": EMULATED,
+            "pliant check-cell --cell cell.yaml": EMULATED,
+            "pliant run --cell cell.yaml --dry-run": EMULATED,
+            "pliant run --cell cell.yaml --air": EMULATED,
+            "pliant run --cell cell.yaml --condition none": EMULATED,
+            "text 1": EMULATED,
         }
     ),
     "docs/vlm.md": Page(
