@@ -18,8 +18,8 @@ from pliant.sim.replay import Replay
 Picture = NDArray[np.uint8]  # (height, width, 3) RGB
 KEYFRAME_EVERY, QUALITY, PIXELS = 2, 23, "yuv420p"  # short groups: any frame is quickly reached
 _UNMOVED = 3e-4  # [rad, m] no joint further than this from its last picture: drawn already
-# U and V of ITU-R BT.601 in its limited range, from R, G, B and 1.
-_COLOURS = np.array([[-37.797, -74.203, 112.0, 32640], [112.0, -93.786, -18.214, 32640]]) / 255
+# From a colour in the whole range of a byte to the limited one of ITU-R BT.601.
+_LIMITED = np.rint((np.arange(256) - 128) * 224 / 255 + 128).astype(np.uint8)
 
 
 def drawn(replay: Replay, camera: str) -> Iterator[Picture]:
@@ -74,8 +74,8 @@ def _frame(picture: Picture) -> av.VideoFrame:
     height, width = picture.shape[:2]
     planes = np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2YUV_I420), np.uint8)  # Y, then U, V
     fours = cv2.resize(picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-    colours = cv2.transform(fours, _COLOURS)
-    planes[height:] = np.moveaxis(colours, 2, 0).reshape(-1, width)
+    _, v, u = cv2.split(cv2.LUT(cv2.cvtColor(fours, cv2.COLOR_RGB2YCrCb), _LIMITED))
+    planes[height:] = np.concatenate([u, v]).reshape(-1, width)
     return av.VideoFrame.from_ndarray(planes, format=PIXELS)
 
 

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LEAST_FACES = 100  # a mesh with fewer is drawn as it is
-_BESIDE = 0.01  # [m] how far a camera may stand from where the model has it: `looks` shifts it
+_BESIDE = np.float32(
+    0.01
+)  # [m] how far a camera may stand from where the model has it: `looks` shifts it
 
-_Bounds = tuple[NDArray[np.float64], NDArray[np.float64]]  # the least and the most of each
+_Bounds = tuple[NDArray[np.float32], NDArray[np.float32]]  # the least and the most of each
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +49,8 @@ class Meshes:
     def leave_out(self, sights: Sequence[Sight]) -> list[int]:
         """Keep the triangles that may be seen at some of the moments; return the meshes that have
         changed."""
-        eyes, borders = np.array([s.eye for s in sights]), np.array([s.borders for s in sights])
+        eyes = np.array([s.eye for s in sights], np.float32)
+        borders = np.array([s.borders for s in sights], np.float32)
         eye = eyes.min(axis=0) - _BESIDE, eyes.max(axis=0) + _BESIDE
         border = borders.min(axis=0), borders.max(axis=0)
         beyond = np.einsum("ngbi,ngi->ngb", borders, eyes).max(axis=0)
@@ -82,6 +85,9 @@ class Meshes:
         return normal, (normal * corner).sum(axis=1)
 
 
-def _most(vectors: NDArray[np.float32], bounds: _Bounds) -> NDArray[np.float64]:  # (n,)
+def _most(vectors: NDArray[np.float32], bounds: _Bounds) -> NDArray[np.float32]:  # (n,)
     """The most that each vector (n, 3) times one within the bounds can be."""
-    return np.asarray(np.maximum(vectors * bounds[0], vectors * bounds[1]).sum(axis=1))
+    low, high = bounds
+    return np.asarray(
+        vectors @ ((low + high) / 2) + np.abs(vectors) @ ((high - low) / 2), np.float32
+    )
