@@ -179,6 +179,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "README.md": Page(
         blocks={
+            ". .venv/bin/activate": NotRun(because="these tests run in it"),
             "make run": Comes(less="-n", says=(r"pliant run --peg circle .*--seed 1",)),
             "make test": NotRun(because="runs these tests"),
             "pliant run --peg square --condition all --seed 4": Comes(
@@ -301,7 +302,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "docs/emulator.md": Page(
         blocks={
-            "pip install 'pliant[ur5e]'": NotRun(because="the package index has no pliant yet"),
+            "pip install '.[ur5e]'": NotRun(because="brings an extra: tools/smoke_extras.sh does"),
             "python -m pliant.emulator": Elsewhere(
                 test="test_emulator_ur_rtde.py", word="pliant.emulator"
             ),
@@ -312,7 +313,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "docs/environments.md": Page(
         blocks={
-            "pip install 'pliant[gym]'": NotRun(because="the package index has no pliant yet"),
+            "pip install '.[gym]'": NotRun(because="brings an extra: tools/smoke_extras.sh does"),
             "python 1": Comes(then=is_a_step),
         }
     ),
@@ -566,7 +567,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "docs/vlm.md": Page(
         blocks={
-            "pip install 'pliant[vlm]'": NotRun(because="the package index has no pliant yet"),
+            "pip install '.[vlm]'": NotRun(because="brings an extra: tools/smoke_extras.sh does"),
             "export OPENAI_API_KEY=…": HOSTED,
             "pliant run --reasoner vlm --model openai:gpt-4o": HOSTED,
             "pliant run --reasoner vlm --base-url http://localhost:8000/v1 --model"
