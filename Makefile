@@ -1,7 +1,7 @@
 # Needs only python3 with venv, make and git. Everything it makes stays in this folder, except system
 # packages, for drawing pictures and for the browser tests, which tools/ensure_*.sh install for root.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-system bounds docs bench bench-peers clean
+.PHONY: help setup run test test-system bounds extras docs bench bench-peers clean
 UV_VERSION := 0.13.9
 SEED ?= 1
 BIN := .venv/bin
@@ -32,6 +32,8 @@ test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a 
 bounds: setup  ## Tests with every dependency at its lowest, then at its highest version
 	tools/try_bounds.sh lowest
 	tools/try_bounds.sh highest
+extras: setup  ## The wheel with each extra alone, on each Python that is here, and its types
+	tools/smoke_extras.sh
 docs: .cache/venv-docs/.synced  ## The documentation as a site that needs no network: site/index.html
 	tools/build_docs.sh
 bench: setup  ## Measure what a trial costs, into docs/speed.md

@@ -163,6 +163,7 @@ HOSTED = NotRun(because="asks a hosted model")
 SERVER = Elsewhere(test="test_vlm_server.py", word="base_url")
 INSTALLS = Elsewhere(test="../tools/smoke_wheel.sh", word="pip install")
 SHELLS = Elsewhere(test="test_wrong_words.py", word="--tyro-print-completion")
+EMULATED = Elsewhere(test="test_tutorials.py", word="own-robot.md")
 REAL = NotRun(because="moves a real cell")
 PICTURE = NotRun(because="a picture drawn with characters")
 MINE = {"mine.py": ("docs/how-to/reasoner.md", "mine.py")}
@@ -178,6 +179,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "README.md": Page(
         blocks={
+            ". .venv/bin/activate": NotRun(because="these tests run in it"),
             "make run": Comes(less="-n", says=(r"pliant run --peg circle .*--seed 1",)),
             "make test": NotRun(because="runs these tests"),
             "pliant run --peg square --condition all --seed 4": Comes(
@@ -300,7 +302,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "docs/emulator.md": Page(
         blocks={
-            "pip install 'pliant[ur5e]'": NotRun(because="the package index has no pliant yet"),
+            "pip install '.[ur5e]'": NotRun(because="brings an extra: tools/smoke_extras.sh does"),
             "python -m pliant.emulator": Elsewhere(
                 test="test_emulator_ur_rtde.py", word="pliant.emulator"
             ),
@@ -311,7 +313,7 @@ PAGES: Mapping[str, Page] = {
     ),
     "docs/environments.md": Page(
         blocks={
-            "pip install 'pliant[gym]'": NotRun(because="the package index has no pliant yet"),
+            "pip install '.[gym]'": NotRun(because="brings an extra: tools/smoke_extras.sh does"),
             "python 1": Comes(then=is_a_step),
         }
     ),
@@ -530,9 +532,42 @@ PAGES: Mapping[str, Page] = {
             ),
         }
     ),
+    "docs/tutorials/first-peg.md": Page(
+        blocks={
+            "keyed_plug.yaml": Comes(then=inserts),
+            "pliant run --peg keyed_plug.yaml": Comes(less="--no-video", says=INSERTED),
+            "text 1": Comes(then=is_shown_by("pliant run --peg keyed_plug.yaml")),
+            "pliant experiment --pegs keyed_plug.yaml --reasoners none rules --trials 10"
+            " --save failures --out runs/plug": Comes(
+                says=(
+                    r"\| keyed_plug \| all \| none \| 10 \| 20\.0 .*\| 20\.0 ",
+                    r"\| keyed_plug \| all \| rules \| 10 \| 100\.0 .*\| 100\.0 ",
+                ),
+                slow=True,
+            ),
+            "pliant view runs/plug": Comes(
+                makes=("runs/plug/trials/L0-keyed_plug-all-none-*/index.html",), slow=True
+            ),
+        }
+    ),
+    "docs/tutorials/own-robot.md": Page(
+        blocks={
+            "loud.py": Comes(),
+            "pliant run --cell loud.py:LoudCell": Comes(
+                says=(*INSERTED, r"^moved to y \+26\.0, z 21\d\.\d mm: reached$")
+            ),
+            "python -m pliant.emulator --client-patience 20": EMULATED,
+            "python 1": EMULATED,
+            "pliant check-cell --cell cell.yaml": EMULATED,
+            "pliant run --cell cell.yaml --dry-run": EMULATED,
+            "pliant run --cell cell.yaml --air": EMULATED,
+            "pliant run --cell cell.yaml --condition none": EMULATED,
+            "text 1": EMULATED,
+        }
+    ),
     "docs/vlm.md": Page(
         blocks={
-            "pip install 'pliant[vlm]'": NotRun(because="the package index has no pliant yet"),
+            "pip install '.[vlm]'": NotRun(because="brings an extra: tools/smoke_extras.sh does"),
             "export OPENAI_API_KEY=…": HOSTED,
             "pliant run --reasoner vlm --model openai:gpt-4o": HOSTED,
             "pliant run --reasoner vlm --base-url http://localhost:8000/v1 --model"

@@ -444,7 +444,7 @@ def test_without_gymnasium_the_error_names_the_extra_in_one_line() -> None:
     done = run("import sys; sys.modules['gymnasium'] = None\nimport pliant.envs")
     assert done.stderr.splitlines()[-1] == (
         "pliant.errors.InputError: the environments need the extra 'gym':"
-        " run 'pip install \"pliant[gym]\"'"
+        " run 'pip install \".[gym]\"' in a checkout"
     )
 
 

@@ -43,6 +43,11 @@ PRINTS = {
         r"^tip -1\d\.\d mm$",
         r"^tip -24\.\d mm$",
     ),
+    "14_a_vlm": (
+        r"^fit failure by vlm$",
+        r"^   how: \S",
+        r"^inserted after [45] calls to judge$",
+    ),
     "13_your_own_cell": ("^sim: inserted", "^out_of_focus: inserted, inserted True"),
 }
 

@@ -20,6 +20,7 @@ from stored_run import FAILED, HELD_OUT, RECOVERED, store
 
 from pliant.errors import InputError
 from pliant.export import lerobot
+from pliant.export.lerobot_stats import of_pictures, of_values
 from pliant.export.source import Source, open_run
 from pliant.formations import Formation
 from pliant.pose import Axis
@@ -121,6 +122,17 @@ def test_the_metadata_are_as_lerobot_publishes_them(read: Read) -> None:
         assert read.frames.schema.field(name).type == (one if size == 1 else pa.list_(one, size))
     assert {n: read.frames.schema.field(n).type for n in PUBLISHED_INDEX} == PUBLISHED_INDEX
     assert len(read.frames.schema) == len(info["features"]) - 1  # the film stands apart
+
+
+def test_the_statistics_of_pictures_are_those_of_their_values() -> None:
+    random = np.random.default_rng(1)
+    pictures = [random.integers(3, 200, (12, 16, 3)).astype(np.uint8) for _ in range(7)]
+    expected = of_values(np.concatenate([p.reshape(-1, 3) for p in pictures]) / 255)
+    found = of_pictures(pictures)
+    assert found.pop("count") == [7]
+    for name, value in found.items():
+        assert value.shape == (3, 1, 1)
+        assert value.ravel() == pytest.approx(expected[name], abs=1e-9), name
 
 
 def test_the_episodes_table_has_every_published_column(read: Read) -> None:

@@ -44,7 +44,7 @@ def refused(outline: Outline, hole: Hole | None = None) -> str:
     ("outline", "says"),
     [
         (SQUARE[:2], "2 corners; it must have at least 3"),
-        (SQUARE[::-1], "edge from (-10, 10) to (10, 10) mm does not go counter-clockwise"),
+        (SQUARE[::-1], "its corners go clockwise; list them in the opposite order"),
         ((*SQUARE[:2], (0.0, 0.0), *SQUARE[2:]), "edge from (10, -10) to (0, 0) mm"),
         ((SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]), "counter-clockwise around the axis"),
         (tuple((x + 0.02, y) for x, y in SQUARE), "edge from (10, 10) to (10, -10) mm"),

@@ -11,6 +11,8 @@ import pytest
 from view_folders import HOSTILE, Page, ran, told
 
 from pliant.errors import InputError
+from pliant.experiment import runner
+from pliant.experiment.plan import from_fields
 from pliant.records import Aborted, End, Trial
 from pliant.report import overlay, strip, video, words
 from pliant.report.canvas import FAILURE, SUCCESS
@@ -76,15 +78,36 @@ def test_the_page_draws_what_the_robot_measured_over_the_executions(
 ) -> None:
     data = page_of(folder).data
     samples = sum(len(m.trace.time_s) for e in trial.executions for m in e.outcome.motions)
-    motions = sum(len(e.outcome.motions) for e in trial.executions)
     traces = data["traces"]
-    assert {len(column) for column in traces.values()} == {samples + motions}
-    assert traces["z"].count(None) == motions  # gaps
+    assert {len(column) for column in traces.values()} == {samples}
+    assert None not in traces["z"]  # between motions the arm holds, and the line goes on
     assert traces["time"] == sorted(traces["time"])
     fit = data["executions"][2]
     assert fit["owned"] == ["y"]
     assert fit["goal"]["y"] == pytest.approx(trial.executions[2].outcome.target.y * 1e3, abs=0.01)
     assert data["limits"]["compression"] == [20.0]
+
+
+def test_the_timeline_is_as_wide_as_executions_are_long(folder: Path, trial: Trial) -> None:
+    (bar,) = [e for e in page_of(folder).all("ol") if e.get("class") == "timeline"]
+    assert bar["aria-label"]
+    styles = [str(e["style"]) for e in page_of(folder).all("li") if "style" in e]
+    shares = [[float(n) for n in re.findall(r"[\d.]+", style)] for style in styles]
+    assert len(shares) == len(trial.executions)
+    seconds, _, wide = (np.array(column) for column in zip(*shares, strict=True))
+    assert wide / seconds == pytest.approx(wide[0] / seconds[0], rel=0.05)
+    assert min(wide) >= 3
+
+
+def test_the_page_says_in_its_title_what_was_run(trial: Trial, tmp_path: Path) -> None:
+    given = {"name": "all-own", "hole_y_mm": [8, 12]}
+    planned = from_fields({"pegs": "circle", "conditions": [given], "reasoners": trial.reasoner})
+    runner.prepare(planned, tmp_path)
+    mine = replace(trial, condition="all-own")
+    write(tmp_path / "trials" / "mine", mine, shipped())
+    told = page_of(tmp_path / "trials" / "mine").words
+    assert f"condition all-own (hole's place y 8.0 mm to 12.0 mm), seed {trial.seed}" in told
+    assert f": {trial.reasoner}, {trial.method}" in told
 
 
 def test_the_page_has_a_card_for_each_execution_in_order(folder: Path, trial: Trial) -> None:
@@ -213,6 +236,27 @@ def test_a_replay_draws_what_the_trial_saw() -> None:
     replay.cameras.close()
     seen = strip.snapshot(trial.executions[-1])
     assert np.abs(drawn - seen).mean() < 1.0
+
+
+@pytest.mark.parametrize("camera", ["side", "front"])
+def test_what_is_left_out_of_a_replay_is_not_seen_in_its_pictures(
+    camera: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial, trajectory = ran()
+    samples = range(0, len(trajectory.time_s), 40)
+    fast = Replay(trial.task, trajectory, is_smooth=False)
+    fast.narrow(camera, samples)
+    drawn = [fast.image(camera, sample) for sample in samples]
+    whole = Replay(trial.task, trajectory, is_smooth=False)
+    whole.image(camera, 0)
+    monkeypatch.setattr(whole._model.vis.quality, "offsamples", 4)  # each thing in each picture
+    for picture, sample in zip(drawn, samples, strict=True):
+        # Where two surfaces are equally far, a pixel may take the other's colour.
+        assert (picture != whole.image(camera, sample)).any(axis=2).sum() <= 3
+    left, faces = (int(r._model.mesh_facenum.sum()) for r in (fast, whole))
+    assert left < faces / 2
+    fast.cameras.close()
+    whole.cameras.close()
 
 
 def test_the_storyboard_shows_every_moment_and_halts_at_each_verdict(trial: Trial) -> None:

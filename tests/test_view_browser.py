@@ -166,6 +166,25 @@ def test_the_timeline_seeks_the_video_and_the_card_follows(
     assert not browser.find_element("css selector", ".plot .now").get_attribute("hidden")
 
 
+def test_a_click_in_a_plot_takes_the_video_to_its_time(browser: Driver, trial_page: str) -> None:
+    opened(browser, trial_page)
+    video = "document.querySelector('video')"
+    until(browser, f"{video}.readyState >= 1")
+    middle = browser.execute_script(
+        """
+        const { time: [from, to], video: [begins, judged] } = data.executions[3];
+        const [plot] = plots, { left, top } = plot.over.getBoundingClientRect();
+        const at = { clientX: left + plot.valToPos((from + to) / 2, "x"), clientY: top + 40 };
+        for (const kind of ["mousedown", "mouseup", "click"])
+          plot.over.dispatchEvent(new MouseEvent(kind, { ...at, bubbles: true }));
+        return (begins + judged) / 2;
+        """
+    )
+    until(browser, f"!{video}.seeking && Math.abs({video}.currentTime - {middle}) < 0.1")
+    until(browser, "document.querySelector('.card.current').id === 'execution-4'")
+    assert not browser.find_element("css selector", ".plot .now").get_attribute("hidden")
+
+
 def test_the_plots_are_drawn(browser: Driver, trial_page: str) -> None:
     opened(browser, trial_page)
     until(browser, "document.querySelectorAll('.plot canvas').length === 4")

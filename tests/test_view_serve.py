@@ -1,14 +1,23 @@
-"""`pliant view --serve` gives one folder to browsers on this machine, nothing else to anyone."""
+"""`view --serve` and `experiment --watch` give one folder to browsers on this machine, and nothing
+else to anyone."""
 
 import http.client
+import re
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from queue import Queue
 from threading import Thread
+from urllib.request import urlopen
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from view_folders import experiment
 
+from pliant.cli import following
 from pliant.errors import InputError
 from pliant.report.serve import Server
 
@@ -175,3 +184,41 @@ def test_the_page_of_an_experiment_that_runs_asks_again_until_it_has_ended(tmp_p
     finally:
         server.close()
         thread.join()
+
+
+def test_an_experiment_that_is_watched_serves_its_page_until_ctrl_c(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pliant", "experiment", "--watch", "--trials", "3"]
+    given = ["--reasoners", "none", "--workers", "1", "--out", str(tmp_path / "run")]
+    with subprocess.Popen(
+        [*command, *given], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8"
+    ) as running:
+        try:
+            assert running.stdout is not None
+            said = ""
+            for line in running.stdout:
+                said += line
+                if "until Ctrl-C" in line:
+                    break
+            found = re.search(r"watch it at (http://127\.0\.0\.1:\d+/)\n", said)
+            assert found is not None, said
+            with urlopen(found[1], timeout=10) as answer:
+                assert answer.headers["Refresh"] is None  # it has ended
+                page = answer.read().decode()
+                assert "<h1" in page
+                assert "circle" in page
+            running.send_signal(signal.SIGINT)
+            assert running.wait(timeout=30) == 0
+        finally:
+            running.kill()
+
+
+def test_the_page_of_a_watched_experiment_is_there_while_it_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(following, "_LOOK_EVERY_S", 0.05)
+    said: Queue[str] = Queue()
+    with following.Watched(tmp_path / "run", None, said.put).filling():
+        experiment(tmp_path / "run")
+        address = said.get(timeout=20).removeprefix("watch it at ")
+        with urlopen(address, timeout=10) as answer:
+            assert "circle" in answer.read().decode()

@@ -459,7 +459,7 @@ def test_an_address_with_a_secret_is_refused_without_repeating_it(
         ("openai:gpt-4o", "set the environment variable OPENAI_API_KEY"),
         ("gpt-4o", "give provider:name"),
         ("nobody:nothing", "give provider:name"),
-        ("groq:llama", r"pip install 'pliant\[vlm\]'"),
+        ("groq:llama", r"pip install '.\[vlm\]'"),
     ],
 )
 def test_a_model_that_cannot_be_asked_is_refused_in_one_line(

@@ -372,6 +372,9 @@ def _fault(outline: Outline) -> str | None:
         return f"an outline of {len(outline)} corners; it must have at least 3"
     if len(outline) > _MOST_CORNERS:
         return f"an outline of {len(outline)} corners; it must have at most {_MOST_CORNERS}"
+    following = (*outline[1:], outline[0])
+    if all(x * ny - y * nx < 0 for (x, y), (nx, ny) in zip(outline, following, strict=True)):
+        return "its corners go clockwise; list them in the opposite order"
     turning = 0.0
     for i, (x, y) in enumerate(outline):
         nx, ny = outline[(i + 1) % len(outline)]

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from rich.prompt import Confirm
@@ -26,6 +26,9 @@ from pliant.experiment.trust import Named, refuse
 from pliant.experiment.work import Save
 from pliant.paths import located, shown
 
+if TYPE_CHECKING:
+    from pliant.cli.following import Watched
+
 
 def experiment(
     file: Annotated[Path | None, tyro.conf.Positional] = None,
@@ -45,6 +48,7 @@ def experiment(
     save: Annotated[Save, tyro.conf.EnumChoicesFromValues] = Save.NONE,
     time_limit_s: float = runner.TIME_LIMIT_S,
     again: Literal["faults"] | None = None,
+    watch: bool = False,
     yes: bool = False,
     trust: bool = False,
     ranges: Annotated[Ranges, tyro.conf.arg(name="")] = Ranges(),  # noqa: B008
@@ -75,6 +79,8 @@ def experiment(
         save: whose trials' full records to keep; of other cells, all are.
         time_limit_s: of one trial, after which its worker is ended.
         again: faults repeats the trials in which nothing was measured, and no others.
+        watch: serve the experiment's page to browsers on this machine while it fills, and after the
+            last trial until Ctrl-C.
         yes: do not ask before a hosted model is paid.
         trust: do not ask before code is run, or a model asked, that the file names.
         ranges: ranges in place of the conditions' own.
@@ -110,7 +116,11 @@ def experiment(
     if model.replay is None:
         planned.check_models()
         _confirm(planned, console, yes)
-    with nullcontext() if is_simulated else attended(planned) as engine:
+    watched = _watched(planned, out, console) if watch else None
+    with (
+        nullcontext() if is_simulated else attended(planned) as engine,
+        nullcontext() if watched is None else watched.filling(),
+    ):
         ended = runner.run(
             planned,
             out,
@@ -125,6 +135,23 @@ def experiment(
             again=again is not None,
             fallback_from_start=model.fallback_from_start,
         )
+    status = _told(ended, planned, out, console)
+    if watched is not None and ended.complete:
+        watched.stay()
+    return status
+
+
+def _watched(planned: Experiment, out: Path, console: Console) -> "Watched":
+    from pliant.cli.following import Watched
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, soft_wrap=True)
+
+    return Watched(out, None if planned.goals is None else Path(planned.goals), say)
+
+
+def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Console) -> int:
+    """Say how the run ended, with its tables; return the command's status."""
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
         return 1

@@ -35,7 +35,7 @@ EXPERIMENT = Usage(
     groups={
         _TRIED: ("pegs", "conditions", "level", "trials", "first-seed"),
         _HOW: ("reasoners", "method", "goals", "cell"),
-        "how it is run": ("workers", "ray", "time-limit-s", "again", "yes", "trust"),
+        "how it is run": ("workers", "ray", "time-limit-s", "again", "watch", "yes", "trust"),
         _KEPT: ("out", "save"),
         **GROUPS,
     },

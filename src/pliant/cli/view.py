@@ -2,11 +2,9 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from threading import Event, Thread
 from typing import Annotated
 
 import tyro
@@ -16,9 +14,7 @@ from pliant import folders, store, teaching
 from pliant.cli.steps import counted
 from pliant.console import Console, say
 from pliant.errors import InputError
-from pliant.experiment import journal, results
 from pliant.paths import located
-from pliant.report.serve import REFRESH_S
 
 
 def view(
@@ -43,6 +39,7 @@ def view(
             the pages while the experiment runs; Ctrl-C ends it.
         port: of --serve; 0 takes a free one.
     """
+    from pliant.cli.following import followed
     from pliant.report.serve import Server
     from pliant.report.trial import run_of
     from pliant.report.view import view as make
@@ -72,37 +69,9 @@ def view(
     say(str(viewed.page))
     if server is not None:
         console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
-        with suppress(KeyboardInterrupt), _followed(folder, partial(make, folder, teachings)):
+        with suppress(KeyboardInterrupt), followed(folder, partial(make, folder, teachings)):
             server.run()
     return 1 if viewed.problems else 0
-
-
-@contextmanager
-def _followed(folder: Path, make: Callable[[], object]) -> Iterator[None]:
-    """Make the pages again, beside what is done inside, whenever trials have been added."""
-    over = Event()
-
-    def follow() -> None:
-        seen = _state(folder)
-        while not over.wait(REFRESH_S / 2):
-            if (state := _state(folder)) != seen:
-                seen = state
-                with suppress(InputError):  # it may be in the middle of being written
-                    make()
-
-    thread = Thread(target=follow, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-
-
-def _state(folder: Path) -> list[int]:
-    """How large what the trials are written to is."""
-    files = (folder / journal.FILE, folder / results.TRIALS_FILE)
-    return [file.stat().st_size if file.exists() else 0 for file in files]
 
 
 def _place(folder: Path, out: Path | None, console: Console) -> Path:

@@ -10,7 +10,7 @@ try:
     import gymnasium
 except ModuleNotFoundError as error:
     raise InputError(
-        "the environments need the extra 'gym': run 'pip install \"pliant[gym]\"'"
+        "the environments need the extra 'gym': run 'pip install \".[gym]\"' in a checkout"
     ) from error
 
 _HERE = "pliant.envs"

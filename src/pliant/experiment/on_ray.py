@@ -85,8 +85,8 @@ def _import() -> Any:
         return importlib.import_module("ray")
     except ImportError as error:
         raise InputError(
-            "Ray is not installed: run 'pip install \"pliant[ray]\"', or leave out the address to"
-            " use this machine's cores"
+            "Ray is not installed: run 'pip install \".[ray]\"' in a checkout, or leave out the"
+            " address to use this machine's cores"
         ) from error
 
 

@@ -248,5 +248,5 @@ def _import(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise InputError(
-            "a recording needs the extra 'rerun': pip install 'pliant[rerun]'"
+            "a recording needs the extra 'rerun': pip install '.[rerun]' in a checkout"
         ) from error

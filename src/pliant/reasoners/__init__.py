@@ -119,4 +119,6 @@ def needs_extra(what: str = "the reasoner vlm") -> None:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "pydantic_ai":
             raise
-        raise InputError(f"{what} needs the extra 'vlm': pip install 'pliant[vlm]'") from error
+        raise InputError(
+            f"{what} needs the extra 'vlm': pip install '.[vlm]' in a checkout"
+        ) from error

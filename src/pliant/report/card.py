@@ -176,7 +176,11 @@ def _checks(evidence: Evidence) -> Html:
     return table(
         ["check", "success?", "message"],
         [_check(c) for c in evidence.checks],
-        "* added by pliant; the others are the paper's.",
+        "pose: within 1 mm and 0.5° of the goal on the axes the formation owns. compression: its"
+        " limit ended no motion. Table I: the paper's rule on the picture; its p_gy and p_ey are y"
+        " of the goal and of the pose reached, too big where the peg stands right of the hole, too"
+        " small where left. metric: depth and place from the picture. * added by pliant; the others"
+        " are the paper's.",
     )
 
 
@@ -198,10 +202,16 @@ def _verdict(verdict: Verdict, pictures: Pictures) -> Html:
         ("verdict", outcome(verdict.success)),
         ("reason", verdict.reason),
         ("votes", ", ".join(_vote(*vote) for vote in verdict.votes.items()) or "none"),
-        ("conflict", verdict.conflict or "none"),
+        ("conflict", _named(verdict.conflict or "none")),
         ("by", verdict.by),
     ]
     return join(fallback, facts(pairs), transcript(verdict.exchanges, pictures))
+
+
+def _named(conflict: str) -> str:
+    for name, shown in _CHECKS.items():
+        conflict = conflict.replace(name, shown)
+    return conflict
 
 
 def _vote(source: str, vote: bool | None) -> str:

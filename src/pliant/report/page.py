@@ -1,6 +1,6 @@
 """A trial as one static page: it needs no network and opens from a folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pliant.conditions import NOMINAL, PAPER_RANGES
 from pliant.diagnosis import Hypothesis
@@ -27,12 +27,16 @@ def render(
     library: str,
     home: str | None = None,
     stamp: str = "",
+    own_ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> str:
     """The text of a trial's page. `media` holds each execution's files; `video` is the video's, in
     which each execution has its span; `library` and `home` are the ways to the library's folder and
-    to the experiment's page. All are relative to where the page will be."""
+    to the experiment's page. All are relative to where the page will be. `own_ranges` are those
+    that were given in place of the condition's."""
+    ranges = ", ".join(words.drawn_range(*one) for one in (own_ranges or {}).items())
     title = (
-        f"{trial.task.peg.name.capitalize()} peg, condition {trial.condition}, seed {trial.seed}"
+        f"{trial.task.peg.name.capitalize()} peg, {trial.level}, condition {trial.condition}"
+        f"{f' ({ranges})' if ranges else ''}, seed {trial.seed}: {trial.reasoner}, {trial.method}"
     )
     return document(
         title,
@@ -63,17 +67,23 @@ def _believed(trial: Trial) -> list[tuple[str, str]]:
     return [("believed to be so", str(believed))]
 
 
+def _ended(trial: Trial) -> str:
+    said = words.end(trial)
+    return said if said.startswith(trial.end_reason) else f"{trial.end_reason}: {said}"
+
+
 def _headline(trial: Trial, title: str) -> Html:
     reasoner = trial.reasoner if trial.model is None else f"{trial.reasoner} ({trial.model})"
     measured = not is_unmeasured(trial.end_reason)
     pairs = [
         ("judged inserted", words.yes_no(trial.judged if measured else None)),
         ("inserted (truth)", words.yes_no(trial.inserted if measured else None)),
-        ("end reason", trial.end_reason),
+        ("end reason", _ended(trial)),
         *_believed(trial),
         ("reasoner", reasoner),
         ("executions", f"{len(trial.executions)}{of_which(trial.executions)}"),
         ("simulated time", f"{words.number(trial.simulated_s)} s"),
+        ("method", trial.method),
         ("level", trial.level),
         ("trial", trial.trial_id),
         *_model_calls(trial),
@@ -132,11 +142,13 @@ def _strip(trial: Trial, media: Sequence[Media]) -> Html:
         number = execution.index + 1
         alt = f"The peg and the hole after execution {number}, {name}: {outcome(success)}"
         sign = tag("span", "✓" if success else "✗", aria_hidden="true")
-        caption = tag("span", sign, f" {name}", class_=f"name {outcome(success)}")
+        caption = tag("span", sign, f" {number} {name}", class_=f"name {outcome(success)}")
         picture = tag("img", src=file.snapshot, alt=alt, width="640", height="480")
         link = tag("a", caption, picture, href=f"#execution-{number}")
         snapshots.append(tag("li", link))
-    return chapter("Snapshots", "snapshots", tag("ol", *snapshots, class_="strip"))
+    label = "Snapshots in the order of time"
+    strip = tag("ol", *snapshots, class_="strip", aria_label=label)
+    return chapter("Snapshots", "snapshots", strip)
 
 
 def _timeline(trial: Trial, video: str | None, spans: Sequence[Span] | None) -> list[Html]:
@@ -150,7 +162,7 @@ def _timeline(trial: Trial, video: str | None, spans: Sequence[Span] | None) -> 
 
 
 def _player(source: str) -> Html:
-    return tag(
+    player = tag(
         "video",
         tag("a", "The video", href=source),
         src=source,
@@ -160,6 +172,7 @@ def _player(source: str) -> Html:
         preload="metadata",
         aria_label="The whole trial from the side and from afar",
     )
+    return tag("div", player, class_="player")
 
 
 def _executions(trial: Trial, media: Sequence[Media], pictures: Pictures) -> Html:

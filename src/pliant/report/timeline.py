@@ -19,20 +19,24 @@ from pliant.report.video import Span
 SHOWN = (Axis.Y, Axis.Z, Axis.ROLL)
 COMPRESSION = "compression"
 _MOST_SAMPLES = 4000  # of a trial, so that a page stays small
-_LEAST_WIDTH = 2.2  # [em] of an execution's button
+_LEAST_WIDTH = 3.2  # [em] of an execution's button: its sign and its number
 
 
 def bar(trial: Trial, spans: Sequence[Span] | None) -> Html:
-    """The executions side by side, each as wide as it is long, to choose from."""
+    """The executions side by side, each as wide as it is long, to choose from. The bar scrolls
+    where they do not fit: the shortest still shows its number."""
+    lengths = [
+        max(0.1, spans[n].ends - spans[n].begins if spans else ends - begins)
+        for n, (begins, ends) in enumerate(times(trial))
+    ]
+    em = _LEAST_WIDTH / min(lengths, default=1.0)  # a second's width
     buttons = []
     for execution, repeat, (begins, ends) in zip(
         trial.executions, repeats(trial.executions), times(trial), strict=True
     ):
         name, success = str(execution.formation).capitalize(), execution.verdict.success
         number = execution.index + 1
-        span = spans[execution.index] if spans else None
         again = "" if repeat is None else f", {repeat}"
-        length = span.ends - span.begins if span else ends - begins
         button = tag(
             "button",
             tag("span", "✓" if success else "✗", aria_hidden="true"),
@@ -44,12 +48,17 @@ def bar(trial: Trial, spans: Sequence[Span] | None) -> Html:
             title=f"{number} {name}: {outcome(success)}, {begins:.1f} to {ends:.1f} s{again}",
             aria_label=f"Execution {number}, {name}: {outcome(success)}{again}. Go there.",
         )
-        style = f"flex: {max(length, 0.1):.2f} 0 {_LEAST_WIDTH}em"
+        length = lengths[execution.index]
+        style = f"flex: {length:.2f} 0 {length * em:.2f}em"
         buttons.append(tag("li", button, style=style))
     label = "Executions in the order of time"
-    how = "Choose an execution to go there; the arrow keys move between them."
+    how = (
+        "As wide as it takes time. ✓ judged a success, ✗ striped: a failure, ↻ a state that was"
+        " there before. Choose an execution to go there; the arrow keys move between them."
+    )
     return join(
-        tag("ol", *buttons, class_="timeline", aria_label=label), tag("p", how, class_="hint")
+        tag("ol", *buttons, class_="timeline", aria_label=label, tabindex="-1"),
+        tag("p", how, class_="hint"),
     )
 
 
@@ -61,9 +70,11 @@ def plots(trial: Trial) -> Html:
 
 
 _LEGEND = (
-    "Robot time, from the motions' measurements. Dashed: the goal of each execution, with the pose"
-    " check's tolerance shaded where its formation owns the axis. Red, dotted: limits. Drag to"
-    " look closer, double-click to see all."
+    "Robot time, from the motions' measurements; between motions the arm holds where it is. Dashed:"
+    " the goal of each execution, with the pose check's tolerance shaded where its formation owns"
+    " the axis. Hatched, with ✗ above: judged a failure. Red, dotted: limits. The upright line is"
+    " the video's time: a click takes the video there. Drag to look closer, double-click to see"
+    " all."
 )
 
 
@@ -107,8 +118,7 @@ def times(trial: Trial) -> list[tuple[float, float]]:
 
 
 def _traces(motions: Sequence[Motion], every: int) -> dict[str, list[float | None]]:
-    """Columns of a plot over all motions, with a gap after each: nothing is measured between
-    them."""
+    """Columns of a plot over all motions. Between them the arm holds, and a line joins them."""
     columns: dict[str, list[float | None]] = {n: [] for n in ("time", *SHOWN, COMPRESSION)}
     order = list(Axis)
     for motion in motions:
@@ -118,10 +128,6 @@ def _traces(motions: Sequence[Motion], every: int) -> dict[str, list[float | Non
             for axis in SHOWN:
                 columns[axis].append(_report(axis, float(trace.pose[n][order.index(axis)])))
             columns[COMPRESSION].append(_number(float(trace.compression_m[n]) * 1e3, 2))
-        if columns["time"]:
-            columns["time"].append(columns["time"][-1])
-            for name in (*SHOWN, COMPRESSION):
-                columns[name].append(None)
     return columns
 
 

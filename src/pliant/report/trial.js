@@ -18,6 +18,8 @@ function mark(index) {
       else one.removeAttribute("aria-current");
     });
   }
+  const button = buttons[index]; // its own bar scrolls to it, and not the page
+  if (button) bar.scrollTo({ left: button.offsetLeft - (bar.clientWidth - button.offsetWidth) / 2 });
 }
 
 /** Show an execution: in the video if there is one, else its card; and where it is in the plots. */
@@ -56,6 +58,16 @@ function robotTime(at) {
     if (at < ends) return judged > begins ? from + (to - from) * Math.min(1, Math.max(0, at - begins) / (judged - begins)) : to;
   }
   return data.executions.at(-1).time[1];
+}
+
+/** The video's time at a time of the robot. */
+function videoTime(at) {
+  const { video: [begins, judged], time: [from, to] } = data.executions[executionAt(at)];
+  return to > from ? begins + (judged - begins) * Math.min(1, Math.max(0, at - from) / (to - from)) : begins;
+}
+
+function executionAt(at) {
+  return Math.max(0, data.executions.findLastIndex(({ time }) => at >= time[0]));
 }
 
 function follow() {
@@ -105,6 +117,7 @@ function drawBehind(plot, of) {
   for (const { success, time: [from, to], goal, owned } of data.executions) {
     ctx.fillStyle = colour(success ? "success-shade" : "failure-shade");
     ctx.fillRect(x(from), bbox.top, x(to) - x(from), bbox.height);
+    if (!success) hatch(ctx, x(from), bbox.top, x(to) - x(from), bbox.height, scale);
     if (!(of in goal) || goal[of] === null) continue;
     if (owned.includes(of)) {
       const top = y(goal[of] + data.tolerance[of]);
@@ -120,6 +133,26 @@ function drawBehind(plot, of) {
     ctx.fillStyle = colour("limit");
     ctx.font = `${12 * scale}px system-ui, sans-serif`;
     ctx.fillText(`limit ${limit}`, bbox.left + 6 * scale, y(limit) + 14 * scale);
+  }
+  ctx.restore();
+}
+
+/** Tell a failure without its colour: strokes, and a cross above. */
+function hatch(ctx, left, top, wide, high, scale) {
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(left, top, wide, high);
+  ctx.clip();
+  ctx.globalAlpha = 0.35;
+  for (let at = left - high; at < left + wide; at += 14 * scale) {
+    line(ctx, colour("failure-ink"), [], scale, [at, top + high], [at + high, top]);
+  }
+  ctx.globalAlpha = 1;
+  if (wide >= 9 * scale) {
+    ctx.fillStyle = colour("failure-ink");
+    ctx.font = `bold ${11 * scale}px system-ui, sans-serif`;
+    ctx.textAlign = "center";
+    ctx.fillText("✗", left + wide / 2, top + 11 * scale);
   }
   ctx.restore();
 }
@@ -163,9 +196,11 @@ function plot(place) {
   made.nowLine = element("div", { class: "now", hidden: "" });
   made.over.append(made.nowLine);
   made.over.addEventListener("click", (event) => {
+    if (!data.executions.length) return;
     const at = made.posToVal(event.offsetX, "x");
-    const index = data.executions.findLastIndex(({ time }) => at >= time[0]);
-    if (index >= 0) go(index);
+    mark(executionAt(at));
+    showTime(at);
+    if (video && data.executions[executionAt(at)].video) video.currentTime = videoTime(at) + 0.001;
   });
   return made;
 }

@@ -1,14 +1,17 @@
 """The folder of one trial: everything that is kept and shown of it."""
 
 import hashlib
+import json
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
 from pliant import folders, pictures
+from pliant.conditions import CONDITIONS, NOMINAL
 from pliant.console import Told, untold
 from pliant.errors import InputError
+from pliant.experiment import growth
 from pliant.files import write_bytes
 from pliant.formations import Formation
 from pliant.records import Execution, Trial
@@ -20,6 +23,7 @@ from pliant.sim.cell import Trajectory
 from pliant.store import (
     MOST_JSON,
     PICTURES,
+    RUN,
     TRIAL,
     TRIALS,
     Pictures,
@@ -103,6 +107,7 @@ def show(
         library=shared,
         home=home,
         stamp=_stamp(folder, has_goals=teaching is not None, home=home),
+        own_ranges=_own_ranges(folder, trial),
     )
     write_bytes(folder / PAGE, text.encode())
 
@@ -146,6 +151,26 @@ def run_of(folder: Path) -> Path | None:
     itself."""
     place = folder.resolve().parent
     return place.parent if place.name == TRIALS else None
+
+
+def _own_ranges(folder: Path, trial: Trial) -> dict[str, tuple[float, float]]:
+    """The ranges that were given in place of the condition's own, as far as its run says them."""
+    run, named = run_of(folder), trial.condition.removesuffix("-own")
+    if run is None or named not in CONDITIONS or named == trial.condition:
+        return {}
+    try:
+        document = json.loads(folders.read(run / RUN, MOST_JSON))
+        (ranges,) = [
+            cell["condition"]["ranges"]
+            for cell in document["configuration"]["cells"]
+            if growth.names(cell)
+            == (trial.level, trial.task.peg.name, trial.condition, trial.reasoner)
+        ]
+        known = CONDITIONS[named].ranges
+        found = {q: (float(low), float(high)) for q, (low, high) in ranges.items()}
+        return {q: r for q, r in found.items() if q in NOMINAL and r != known.get(q)}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
 def _shared(folder: Path) -> str:

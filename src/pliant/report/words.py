@@ -10,8 +10,8 @@ from pliant.records import End, Trial
 
 _ENDS = {
     End.INSERTED: "judged inserted",
-    End.EXHAUSTED: "gave up: too many failed verdicts in a row",
-    End.CAP: "stopped at the most executions a trial may take",
+    End.EXHAUSTED: "gave up: ten failed verdicts in a row",
+    End.CAP: "stopped at forty executions, the most that a trial may take",
     End.STOPPED: "the reasoner could not or should not go on",
     End.REFUSED: "nothing of the reasoner's plan may be done",
     End.FINISHED: "the open-loop plan ran out",
@@ -79,6 +79,12 @@ def drawn(name: str, value: float) -> tuple[str, str]:
     if name in _FACTORS:
         return words, f"× {number(value, 2)}"
     return words, f"{number(value, 2)} {known.symbol}".rstrip()
+
+
+def drawn_range(name: str, bounds: tuple[float, float]) -> str:
+    """The range of a drawn quantity, in words: "hole's place y 8.0 mm to 12.0 mm"."""
+    (words, low), (_, high) = (drawn(name, value) for value in bounds)
+    return f"{words} {low} to {high}"
 
 
 def drawn_unit(name: str) -> str:

@@ -57,7 +57,7 @@ class ArmClient:
             from rtde_receive import RTDEReceiveInterface
         except ImportError as error:
             raise InputError(
-                f"a UR5e cell needs the extra 'ur5e' ({error}): pip install 'pliant[ur5e]'"
+                f"a UR5e cell needs the extra 'ur5e' ({error}): pip install '.[ur5e]' in a checkout"
             ) from error
         address = configuration.arm.address
         self._configuration = configuration

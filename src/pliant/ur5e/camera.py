@@ -262,7 +262,8 @@ def _realsense(settings: c.CameraSettings, patience_s: float) -> Callable[[], Fr
         import pyrealsense2 as rs
     except ImportError as error:
         raise InputError(
-            f"a RealSense camera needs the extra 'ur5e' ({error}): pip install 'pliant[ur5e]', and"
+            f"a RealSense camera needs the extra 'ur5e' ({error}): pip install '.[ur5e]' in a"
+            " checkout, and"
             " on Debian the package libusb-1.0-0"
         ) from error
     if settings.source is c.CameraSource.FILE and not Path(settings.where).is_file():

@@ -63,7 +63,7 @@ def model_of(settings: Settings) -> Model:
             ) from error
         raise InputError(
             f"model '{settings.model}': its provider's library is missing;"
-            " pip install 'pliant[vlm]', or pydantic-ai-slim with that provider's extra"
+            " pip install '.[vlm]' in a checkout, or pydantic-ai-slim with that provider's extra"
         ) from error
     except InputError:
         raise
