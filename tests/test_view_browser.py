@@ -310,6 +310,7 @@ def test_axe_finds_no_serious_barrier_on_either_page(
     browser: Driver, experiment_page: str, trial_page: str, width: int, scheme: str
 ) -> None:
     axe = resources.files("axe_core_python") / "axe.min.js"
+    browser.set_script_timeout(120)  # of thousands of rows, on a loaded machine
     browser.set_window_size(width, 900)
     preferred = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", preferred)
