@@ -572,7 +572,7 @@ PAGES: Mapping[str, Page] = {
             "pliant run --reasoner vlm --model openai:gpt-4o": HOSTED,
             "pliant run --reasoner vlm --base-url http://localhost:8000/v1 --model"
             " Qwen2.5-VL-7B-Instruct": SERVER,
-            "yaml 1": Comes(then=is_planned(16 * 30)),
+            "yaml 1": Comes(then=is_planned(17 * 30)),
             "pliant run --reasoner vlm --model openai:gpt-4o --seed 3 --record talk.jsonl": HOSTED,
             "pliant run --reasoner vlm --seed 3 --replay talk.jsonl": Elsewhere(
                 test="test_vlm_local_model.py", word="--replay"

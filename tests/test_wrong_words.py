@@ -2,11 +2,14 @@
 
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from pliant.cli import COMMANDS, main
+from pliant.cli.model import GROUPS
+from pliant.reasoners.vlm.settings import Settings
 from pliant.usage import options
 
 WRONG = {
@@ -147,3 +150,8 @@ def test_a_shell_is_told_how_to_complete_commands_and_options(
     script = "\n".join(help_of(f"--tyro-print-completion {shell}"))
     assert "bench-reasoner" in script
     assert "hole-y-mm" in script
+
+
+def test_every_setting_of_a_model_stands_in_a_group_of_the_help() -> None:
+    grouped = {name.replace("-", "_") for names in GROUPS.values() for name in names}
+    assert {f.name for f in fields(Settings)} <= grouped

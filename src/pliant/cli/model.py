@@ -22,7 +22,7 @@ GROUPS = {
     ),
     "what the model decides, and is told": (
         *("judge", "recover", "plan", "one-call", "skip-agreed", "history", "picture"),
-        *("goal-picture", "pose-check", "table-i", "measurements", "belief"),
+        *("oblique-picture", "goal-picture", "pose-check", "table-i", "measurements", "belief"),
     ),
     "what the model may do, and spend": (
         *("step-limit-mm", "clamp-mm", "fallback", "deadline-s", "reply-tokens", "max-requests"),

@@ -76,8 +76,7 @@ class Settings:
     picture: bool = True
     """Show the picture taken after the skill."""
     oblique_picture: bool = False
-    """Show the last picture from above and aside, too, which a guided skill takes before the peg
-    comes down: alone it shows what is in the hole or lies across it."""
+    """Show the hole from above, too, as it was before the peg came down."""
     goal_picture: bool = True
     """Show the goal picture when Insertion is judged."""
     pose_check: bool = True
