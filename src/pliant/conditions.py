@@ -174,6 +174,10 @@ class Setup:
         """The quantities that are not nominal, by their names."""
         return {name: v for name, v in self.quantities().items() if v != NOMINAL[name]}
 
+    def is_on(self, flag: str) -> bool:
+        """Whether a quantity that is 0 or 1 counts as 1, by its name."""
+        return float(getattr(self, flag)) > 0.5
+
     def stream(self, name: str) -> np.random.Generator:
         """A named stream of this trial's own random numbers, for what is not drawn once but again
         and again."""

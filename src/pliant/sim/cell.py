@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Self
@@ -20,6 +20,7 @@ from pliant.sim import constants as c
 from pliant.sim import model as m
 from pliant.sim.arm import HOME_GUESS, Arm, Profile
 from pliant.sim.board import contains, hole_outline
+from pliant.sim.feed import Feed
 from pliant.sim.render import Cameras
 from pliant.sim.sensor import Sensor
 from pliant.sim.setup import apply, is_moving, place
@@ -77,7 +78,7 @@ class SimCell:
         depth = float(hole[2] - tip[2])
         inside = contains(hole_outline(task.peg, task.hole), ((tip - hole) @ board)[:2])
         low = tip + rotation @ self._low_corner(task, rotation)
-        there = robot.setup.peg_missing == 0.0
+        there = not robot.setup.is_on("peg_missing")
         near = contains(hole_outline(task.peg, task.hole, grown=0.001), ((low - hole) @ board)[:2])
         return Truth(
             inserted=there and inside and depth >= task.depth,
@@ -144,8 +145,7 @@ class SimRobot:
         self.peg_body, self.board_body = self.model.body(m.PEG).id, self.model.body(m.BOARD).id
         self._free_hang = self._tared = 0.0  # where the slide is at rest, and is felt to be [m]
         self._sensor, self._wrist = Sensor(self.setup, 0.0), Watch()
-        self._stale = self.setup.stream("stale")
-        self._last: dict[str, View] = {}  # picture of each camera
+        self._feed = Feed(self.setup)
         self._sag = np.zeros(len(self.arm.qpos))  # [rad] set points less joint angles, at rest
         self._controls = 0
         self._commanded = Pose(z=task.tip_below_hinge + c.HOME_ABOVE_BOARD)
@@ -180,7 +180,7 @@ class SimRobot:
         self._sag = self._home - data.qpos[self.arm.qpos]
         self.cameras.dress(setup)
         self._sensor = Sensor(setup, float(data.qpos[self._slide]))
-        self._stale, self._last = setup.stream("stale"), {}
+        self._feed = Feed(setup)
         self._wrist.forget()
         self.tare()
         self._keep_frame()
@@ -239,20 +239,9 @@ class SimRobot:
         )
 
     def _view(self, camera: str, time_s: float) -> View:
-        """A picture now, or the one before with its old time stamp, or, of a camera that is stuck,
-        with a new one; a dark one where the tip is too low to be shown."""
-        is_stale = self._stale.uniform() < self.setup.stale
-        is_frozen = self.setup.pictures_frozen > 0.5 and time_s > c.FREEZES_S
-        if not ((is_stale or is_frozen) and camera in self._last):
-            view = self.cameras.view(camera, self.data, time_s)
-            is_blind = self._is_too_low()
-            self._last[camera] = replace(view, image=_dark(view.image)) if is_blind else view
-        return replace(self._last[camera], time_s=time_s) if is_frozen else self._last[camera]
-
-    def _is_too_low(self) -> bool:
-        """Whether the tip is so close to the board that no camera shows anything."""
         height = float(self.data.site_xpos[self.tip_site][2] - self.data.xpos[self.board_body][2])
-        return self.setup.blind_below > 0.0 and height < self.setup.blind_below
+        see = partial(self.cameras.view, camera, self.data, time_s)
+        return self._feed.deliver(camera, time_s, height, see)
 
     def halt(self) -> None:
         """Hold where the joints are: their angles plus the servos' error under the tool's weight,
@@ -416,11 +405,6 @@ class SimRobot:
         samples.position.append(self.data.site_xpos[self._site].copy())
         samples.rotation.append(self.data.site_xmat[self._site].reshape(3, 3).copy())
         samples.compression_m.append(compression)
-
-
-def _dark(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture of a covered lens."""
-    return np.full_like(image, c.COVERED_LEVEL)
 
 
 class _Samples:

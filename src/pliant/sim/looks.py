@@ -31,7 +31,6 @@ _TELL_APART = 0.35  # between neighbours' colours, RGB in 0..1: what no camera s
 _BACKDROP_AT, _BACKDROP_HALF = 1.6, 3.0  # [m] behind the scene, from the camera
 _POST_AT = 0.3  # [m] from the hole's axis toward the camera
 _QUANTILES = 1 << 16  # of noise
-_ON = 0.5  # a quantity that is 0 or 1 counts as 1 above
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,8 +80,8 @@ NOMINAL = Looks(paints={}, light=None, diffuse=0.0, ambient=0.0, noise=0.0, shif
 def looks_of(setup: Setup) -> Looks:
     """The looks of a trial: two draws from its seed, one for the looks and one for what hides
     them."""
-    posts = _posts(setup.stream("occluder")) if setup.occluder > _ON else ()
-    if setup.looks <= _ON:
+    posts = _posts(setup.stream("occluder")) if setup.is_on("occluder") else ()
+    if not setup.is_on("looks"):
         return replace(NOMINAL, posts=posts)
     random = setup.stream("looks")
     azimuth, elevation = random.uniform(-1.2, 1.2), math.radians(random.uniform(20, 70))

@@ -13,7 +13,6 @@ from pliant.sim import constants as c
 _FILTER_S = 0.030  # of the first-order low pass
 _SHARE = -math.expm1(-c.CONTROL_PERIOD / _FILTER_S)  # of a new reading
 _CAUGHT_UP_S = 4 * _FILTER_S
-_ON = 0.5  # a quantity that is 0 or 1 counts as 1 above
 _DEVIATIONS = 4.0  # of the filtered noise
 
 
@@ -23,7 +22,7 @@ class Sensor:
     def __init__(self, setup: Setup, slide: float) -> None:
         self._sd = setup.compression_noise
         self._hangs, self._scale = slide, setup.compression_scale
-        self._dead_at = slide if setup.compression_dead > _ON else None
+        self._dead_at = slide if setup.is_on("compression_dead") else None
         self._random = setup.stream("compression_noise")
         self._filtered = slide
         self.noise = 0.0  # of the last reading

@@ -20,7 +20,6 @@ _LEFT = 1e-3  # share of the peg's mass that stays where there is none
 _PLUG_HALF = 0.03  # [m] of its height
 _BAR_HALF = (0.022, 0.006)  # [m] along x and y: it bridges the hole
 _INTO_WALLS = 0.001  # [m]
-_ON = 0.5  # a quantity that is 0 or 1 counts as 1 above
 
 
 def add(spec: mujoco.MjSpec, task: Task, peg: str, board: str) -> None:
@@ -71,7 +70,7 @@ def put_away(model: mujoco.MjModel) -> None:
 def bring_out(model: mujoco.MjModel, setup: Setup) -> None:
     """Bring out the strange things of a setup, and put the rest away."""
     peg, (mass, *inertia, half_x, half_z) = _right_peg(model), model.numeric(_BUILT).data
-    missing, wrong = setup.peg_missing > _ON, bool(setup.peg_wider or setup.peg_longer)
+    missing, wrong = setup.is_on("peg_missing"), bool(setup.peg_wider or setup.peg_longer)
     first = int(peg.geomadr[0])
     for geom in range(first, first + int(peg.geomnum[0])):
         _show(model, geom, c.PEG_BITS, not (missing or wrong))
