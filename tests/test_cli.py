@@ -56,6 +56,15 @@ def test_a_peg_that_is_not_inserted_exits_with_one(tmp_path: Path) -> None:
     assert "not inserted" in done.stdout
 
 
+def test_a_peg_that_went_in_though_something_is_not_as_told_says_so_at_the_end(
+    tmp_path: Path,
+) -> None:
+    done = pliant("run", "--level", "blind", "--no-video", "--out", tmp_path / "r")
+    assert done.returncode == 0
+    assert "not as the task says: the cameras show nothing near the board (" in done.stdout
+    assert "pictures show neither peg nor board" in done.stdout
+
+
 def test_ranges_given_at_the_command_line_are_drawn_from(tmp_path: Path) -> None:
     words = ("--condition", "none", "--hole-y-mm", "5", "6", "--json", "--no-video")
     done = pliant("run", *words, "--out", tmp_path / "run")

@@ -85,6 +85,11 @@ class Diagnosis:
         return max(self.weights, key=lambda h: self.weights[h])
 
     @property
+    def is_as_told(self) -> bool:
+        """Whether all is believed to be as the task says."""
+        return self.leading is Hypothesis.AS_TOLD
+
+    @property
     def weight(self) -> float:
         return self.weights[self.leading]
 

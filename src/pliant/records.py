@@ -369,7 +369,7 @@ class Trial:
         last = self.executions[-1].diagnosis if self.executions else None
         if last is None:
             return None
-        if self.end_reason == End.STOPPED and last.leading is Hypothesis.AS_TOLD:
+        if self.end_reason == End.STOPPED and last.is_as_told:
             return Diagnosis(weights={Hypothesis.UNKNOWN: 1.0})
         return last
 

@@ -346,6 +346,11 @@ class _Teller:
             line = Text("inserted" if inserted else "not inserted", style="bold")
         line.append(f" ({by})", style="not bold")
         self.console.print(line)
+        believed = trial.diagnosis
+        if believed is not None and not believed.is_as_told:
+            self._loud(
+                f"not as the task says: {': '.join(filter(None, (str(believed), believed.why)))}"
+            )
         executions = f"{len(trial.executions)} executions{of_which(trial.executions)}"
         self.say(
             f"{trial.end_reason}{fault}: {executions}, {moves} motion{'' if moves == 1 else 's'},"

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 from pliant.conditions import NOMINAL, PAPER_RANGES
-from pliant.diagnosis import Hypothesis
 from pliant.experiment.faults import is_unmeasured
 from pliant.experiment.rows import decided, exchanges, trial_row
 from pliant.records import Trial
@@ -62,7 +61,7 @@ def _way_back(home: str | None) -> Html:
 def _believed(trial: Trial) -> list[tuple[str, str]]:
     """What the signs said to be so in the end, where something was not as the task says."""
     believed = trial.diagnosis
-    if believed is None or believed.leading is Hypothesis.AS_TOLD:
+    if believed is None or believed.is_as_told:
         return []
     return [("believed to be so", str(believed))]
 
