@@ -348,9 +348,8 @@ class _Teller:
         self.console.print(line)
         believed = trial.diagnosis
         if believed is not None and not believed.is_as_told:
-            self._loud(
-                f"not as the task says: {': '.join(filter(None, (str(believed), believed.why)))}"
-            )
+            why = f": {believed.why}" if believed.why else ""
+            self._loud(f"not as the task says: {believed}{why}")
         executions = f"{len(trial.executions)} executions{of_which(trial.executions)}"
         self.say(
             f"{trial.end_reason}{fault}: {executions}, {moves} motion{'' if moves == 1 else 's'},"
