@@ -238,27 +238,6 @@ def test_a_replay_draws_what_the_trial_saw() -> None:
     assert np.abs(drawn - seen).mean() < 1.0
 
 
-@pytest.mark.parametrize("camera", ["side", "front"])
-def test_what_is_left_out_of_a_replay_is_not_seen_in_its_pictures(
-    camera: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    trial, trajectory = ran()
-    samples = range(0, len(trajectory.time_s), 40)
-    fast = Replay(trial.task, trajectory, is_smooth=False)
-    fast.narrow(camera, samples)
-    drawn = [fast.image(camera, sample) for sample in samples]
-    whole = Replay(trial.task, trajectory, is_smooth=False)
-    whole.image(camera, 0)
-    monkeypatch.setattr(whole._model.vis.quality, "offsamples", 4)  # each thing in each picture
-    for picture, sample in zip(drawn, samples, strict=True):
-        # Where two surfaces are equally far, a pixel may take the other's colour.
-        assert (picture != whole.image(camera, sample)).any(axis=2).sum() <= 3
-    left, faces = (int(r._model.mesh_facenum.sum()) for r in (fast, whole))
-    assert left < faces / 2
-    fast.cameras.close()
-    whole.cameras.close()
-
-
 def test_the_storyboard_shows_every_moment_and_halts_at_each_verdict(trial: Trial) -> None:
     shots = video.storyboard(trial, ran()[1])
     samples = [shot.sample for shot in shots]

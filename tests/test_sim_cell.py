@@ -3,6 +3,7 @@
 import gc
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
@@ -390,6 +391,18 @@ def test_a_cell_that_ends_leaves_anothers_pictures_as_they_were(ends: str) -> No
         del other, robot
         gc.collect()
     assert np.array_equal(mine.cameras.image("wide", mine.data), before)
+
+
+def test_a_cell_is_drawn_and_collected_by_any_thread() -> None:
+    held = [SimRobot(load_task("circle"))]
+    held[0].reset(Setup(seed=0))
+    mine = held[0].cameras.image("wide", held[0].data)
+    with ThreadPoolExecutor(max_workers=1) as other:
+        its = other.submit(lambda: held[0].cameras.image("wide", held[0].data)).result()
+    assert np.array_equal(mine, its)
+    held[0].cameras.image("wide", held[0].data)
+    with ThreadPoolExecutor(max_workers=1) as other:  # what it cannot end would fail this test
+        other.submit(lambda: (held.clear(), gc.collect())).result()
 
 
 @pytest.mark.parametrize("peg", ["square", "rectangle_narrow"])

@@ -1,6 +1,5 @@
 """Statistics as LeRobot keeps them: per feature and episode, and merged over the data set."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,40 +22,15 @@ def of_values(values: NDArray[np.generic]) -> Stats:
         "std": table.std(axis=0),
         "count": np.array([len(table)]),
     }
-    at = np.quantile(table, list(_QUANTILES.values()), axis=0)
-    return found | dict(zip(_QUANTILES, at, strict=True))
+    return found | {name: np.quantile(table, q, axis=0) for name, q in _QUANTILES.items()}
 
 
 def of_pictures(pictures: Sequence[NDArray[np.uint8]]) -> Stats:
     """Statistics of a camera's pictures, per channel: (3, 1, 1), from 0 to 1. `count` counts
     pictures."""
-    counts = sum(
-        np.array([np.bincount(p[..., k].ravel(), minlength=256) for k in range(3)])
-        for p in pictures
-    )
-    channels = [_of_counts(channel) for channel in np.asarray(counts)]
-    found = {name: np.array([c[name] for c in channels]).reshape(3, 1, 1) for name in channels[0]}
-    return found | {"count": np.array([len(pictures)])}
-
-
-def _of_counts(counts: NDArray[np.int64]) -> dict[str, float]:
-    """Statistics of values from 0 to 1 of which it is known how often each of 256 occurs: the same
-    as the values' own, without sorting them."""
-    level, last = np.arange(256) / 255, int(counts.sum()) - 1
-    mean = np.average(level, weights=counts)
-    ranks = np.array(list(_QUANTILES.values())) * last
-    below, above = (
-        level[np.searchsorted(counts.cumsum(), rank, side="right")]
-        for rank in (np.floor(ranks), np.ceil(ranks))
-    )
-    at = below + (ranks % 1) * (above - below)
-    return {
-        "min": level[counts > 0][0],
-        "max": level[counts > 0][-1],
-        "mean": float(mean),
-        "std": math.sqrt(np.average((level - mean) ** 2, weights=counts)),
-        **dict(zip(_QUANTILES, at.tolist(), strict=True)),
-    }
+    found = of_values(np.concatenate([p.reshape(-1, 3) for p in pictures]) / 255.0)
+    shaped = {name: value.reshape(3, 1, 1) for name, value in found.items() if name != "count"}
+    return shaped | {"count": np.array([len(pictures)])}
 
 
 def merged(parts: Sequence[Stats]) -> Stats:

@@ -51,6 +51,16 @@ def must_draw() -> None:
         )
 
 
+def let_go() -> None:
+    """Leave no EGL context current in this thread, so that any thread may draw with it next, or end
+    it: a cell that nobody holds is collected in whatever thread happens to run."""
+    egl = sys.modules.get("mujoco.egl")
+    if egl is not None and egl.EGL_DISPLAY is not None:
+        api = egl.EGL
+        none = api.EGL_NO_SURFACE
+        api.eglMakeCurrent(egl.EGL_DISPLAY, none, none, api.EGL_NO_CONTEXT)
+
+
 def _check(wanted: str) -> None:
     if wanted not in _LIBRARIES and wanted not in _ON:
         raise InputError(

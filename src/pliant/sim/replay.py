@@ -6,7 +6,6 @@ Asking for a video thus does not slow a trial. Edges are smoothed by drawing lar
 import io
 import zipfile
 import zlib
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from pliant.sim import model as m
 from pliant.sim.cell import Trajectory
 from pliant.sim.render import Cameras
 from pliant.sim.setup import apply, place
-from pliant.sim.unseen import Meshes, sight
 from pliant.task import Task
 
 FILE = "trajectory.npz"
@@ -109,7 +107,6 @@ class Replay:
         self._data = mujoco.MjData(self._model)
         self._slide = int(self._model.joint("wrist_z").qposadr[0])
         self.cameras = Cameras(self._model, enlarged=enlarged)
-        self._meshes = Meshes(self._model)
         self.turn_to(trajectory)
 
     def turn_to(self, trajectory: Trajectory) -> None:
@@ -130,29 +127,17 @@ class Replay:
     def __len__(self) -> int:
         return len(self.trajectory.time_s)
 
-    def narrow(self, camera: str, samples: Iterable[int]) -> None:
-        """Have only what `camera` may show at some of the samples drawn, until called again."""
-        number, borders = self._model.camera(camera).id, self.cameras.borders(camera)
-        sights = []
-        for sample in samples:
-            self._go_to(sample)
-            sights.append(sight(self._data, number, borders))
-        self.cameras.upload(self._meshes.leave_out(sights))
-
     def image(self, camera: str, index: int) -> NDArray[np.uint8]:  # (height, width, 3) RGB
         """The picture that `camera` sees at the trajectory's sample `index`."""
-        self._go_to(index)
+        place(self._model, self.trajectory.setup, float(self.trajectory.time_s[index]))
+        self._data.qpos[:] = self.trajectory.qpos[index]
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
         large = self.cameras.image(camera, self._data)
         if large.shape[1::-1] == c.IMAGE_SIZE:
             return large
         shrunk = cv2.resize(large, c.IMAGE_SIZE, interpolation=cv2.INTER_AREA)
         return shrunk.astype(np.uint8, copy=False)
-
-    def _go_to(self, index: int) -> None:
-        place(self._model, self.trajectory.setup, float(self.trajectory.time_s[index]))
-        self._data.qpos[:] = self.trajectory.qpos[index]
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
 
     def compression(self, index: int) -> float:
         """The compression of the wrist, from free hang, where every trial starts [m]."""
