@@ -25,7 +25,7 @@ from pliant.experiment.bench.cases import SHIPPED, Cases
 from pliant.experiment.cells import Experiment
 from pliant.experiment.progress import Silent
 from pliant.experiment.tables_text import markdown
-from pliant.reasoners import probe
+from pliant.reasoners import first_answer
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.settings import Decider, Settings
 from pliant.report.overview_tables import table2
@@ -182,7 +182,7 @@ def test_a_refused_first_request_ends_the_run_before_anything_moves(
 
 def test_the_first_request_is_small_and_shows_a_picture_as_every_other_does() -> None:
     with loopback(trusting) as server:
-        found = probe(Settings(model="small", base_url=server.base_url))
+        found = first_answer(Settings(model="small", base_url=server.base_url))
     assert found is not None
     assert (found.problem, found.is_final) == ("", False)
     (received,) = server.received
@@ -201,7 +201,7 @@ def test_what_may_pass_does_not_end_a_run(code: int, is_final: bool) -> None:
         handler.send(told, status=code, retry_after="0")
 
     with loopback(behave) as server:
-        found = probe(Settings(model="small", base_url=server.base_url))
+        found = first_answer(Settings(model="small", base_url=server.base_url))
     assert found is not None
     assert found.problem.startswith(f"{code}: not now")
     assert found.is_final is is_final
@@ -213,8 +213,8 @@ def test_no_answer_in_time_and_nobody_there_are_final() -> None:
         handler.drop()
 
     with loopback(never) as server:
-        late = probe(Settings(model="small", base_url=server.base_url, deadline_s=0.3))
-    nobody = probe(Settings(model="small", base_url=server.base_url))
+        late = first_answer(Settings(model="small", base_url=server.base_url, deadline_s=0.3))
+    nobody = first_answer(Settings(model="small", base_url=server.base_url))
     assert late is not None
     assert nobody is not None
     assert late.is_final
@@ -222,8 +222,8 @@ def test_no_answer_in_time_and_nobody_there_are_final() -> None:
     assert nobody.problem.endswith("failed: Connection refused")
 
 
-def test_a_model_that_no_decision_is_asked_of_is_not_probed() -> None:
-    assert probe(Settings(judge=Decider.RULES, recover=Decider.RULES)) is None
+def test_a_model_that_no_decision_is_asked_of_is_not_asked_first() -> None:
+    assert first_answer(Settings(judge=Decider.RULES, recover=Decider.RULES)) is None
 
 
 # --- many trials ---------------------------------------------------------------------------------
@@ -257,16 +257,16 @@ def performed(server: Loopback, folder: Path, **rest: Any) -> list[str]:
     return told.said
 
 
-def test_each_setting_is_probed_once_and_only_for_trials_that_are_missing(tmp_path: Path) -> None:
-    def probes() -> int:
+def test_each_setting_is_asked_once_and_only_for_trials_that_are_missing(tmp_path: Path) -> None:
+    def first_requests() -> int:
         said = (json.dumps(request.body) for request in server.received)
         return sum("asked whether you can be asked" in text for text in said)
 
     with loopback(trusting) as server:
         said = performed(server, tmp_path)
-        assert probes() == 2
+        assert first_requests() == 2
         performed(server, tmp_path)
-        assert probes() == 2
+        assert first_requests() == 2
     assert [text for text in said if "asked first, answered" in text] == said
     with loopback(refused) as server, pytest.raises(InputError, match="cannot be asked: 404"):
         performed(server, tmp_path / "other")

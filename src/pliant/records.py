@@ -5,6 +5,7 @@
 A trial is the list of its executions; it can be stored, replayed, shown and scored.
 """
 
+import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from pliant import pictures
 from pliant.belief import Belief
 from pliant.cell import Image, Motion, Observation, Stop, Truth
 from pliant.diagnosis import OF_FAULTS, Diagnosis, Hypothesis
+from pliant.errors import InputError
 from pliant.formations import OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
@@ -115,8 +117,8 @@ class Evidence:
 class Exchange:
     """One request to a model and its reply, as text and with the pictures that were sent.
 
-    `stage` is judge, analyse or plan; `refused` says why the reply could not be used, or why there
-    was none, and is empty when it was used. `cost_usd` None: the price is not known.
+    `stage` is judge, probe, analyse or plan; `refused` says why the reply could not be used, or why
+    there was none, and is empty when it was used. `cost_usd` None: the price is not known.
     """
 
     stage: str
@@ -208,6 +210,52 @@ class Recovery(Decision):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Probe(Decision):
+    """What a reasoner asks for where it is in doubt, before it plans: to lift the peg out, look
+    with every camera, and touch with the peg's low corner `at` (x, y) [m] from the middle of the
+    believed hole; None: look only. `reason` says why.
+
+    Raises:
+        InputError: the place is no finite numbers.
+    """
+
+    reason: str
+    at: tuple[float, float] | None
+    by: str
+    exchanges: tuple[Exchange, ...] = ()
+    fallback: str = ""
+
+    def __post_init__(self) -> None:
+        if self.at is not None and not all(math.isfinite(value) for value in self.at):
+            x, y = self.at
+            raise InputError(f"a probe at x {x:g}, y {y:g} m: it must be finite numbers")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Probed:
+    """The result of a probe. `held_m` is how far the wrist was stretched as the peg was lifted [m],
+    `touched_z` the height of the low corner where it was felt [m], in the task frame; None: it was
+    not, and `note` says how far down, or why it did not go there."""
+
+    probe: Probe
+    motions: tuple[Motion, ...]
+    looks: tuple[Look, ...]
+    held_m: float
+    touched_z: float | None = None
+    note: str = ""
+
+    def __str__(self) -> str:
+        pulled = f"pulled at, the peg stretched the wrist by {self.held_m * 1e3:.1f} mm"
+        if self.probe.at is None:
+            return f"look with the peg lifted out; {pulled}"
+        x, y = (f"{value * 1e3:+.1f}" for value in self.probe.at)
+        felt = self.note
+        if self.touched_z is not None:
+            felt = f"felt at z {self.touched_z * 1e3:.1f} mm"
+        return f"touch at x {x}, y {y} mm from the believed hole: {felt}; {pulled}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Admission:
     """The steps of a recovery that may be done, and why the rest may not."""
 
@@ -227,10 +275,16 @@ class Execution:
     diagnosis: Diagnosis | None = None
     recovery: Recovery | None = None
     admission: Admission | None = None
+    probes: tuple[Probed, ...] = ()  # before the recovery was planned
 
     @property
     def formation(self) -> Formation:
         return self.outcome.step.formation
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """All motions: the skill's, then those of its probes."""
+        return (*self.outcome.motions, *(m for probed in self.probes for m in probed.motions))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -301,7 +355,8 @@ class Case:
     """All that a reasoner may know when it judges or recovers: serialisable, so that a stored case
     can be judged again. `goals` are the ones in force, updated by the recoveries so far; `colours`
     None: those of peg and block may be anything; `diagnosis` None: the method does not look for
-    what is not as the task says."""
+    what is not as the task says. `probes` are those made since the execution, `probes_left` how
+    many more the trial grants."""
 
     task: Task
     teaching: Teaching = field(repr=False)
@@ -315,6 +370,8 @@ class Case:
     ]
     colours: Colours | None = None
     diagnosis: Diagnosis | None = None
+    probes: tuple[Probed, ...] = ()
+    probes_left: int = 0
 
 
 class End(StrEnum):

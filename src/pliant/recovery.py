@@ -1,14 +1,14 @@
 """The protocol of a reasoner, and which of its plans may be done (Sec. V-B)."""
 
 import math
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from pliant.cell import Stop
 from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.formations import RECOVERABLE, Formation, Step, check_axes
 from pliant.pose import Axis, Partial
-from pliant.records import Admission, Case, Recovery, Verdict, shifts
+from pliant.records import Admission, Case, Probe, Recovery, Verdict, shifts
 
 _UNCHANGED_M = 0.0005  # y
 _SAME_Z_M = 1e-6
@@ -28,6 +28,16 @@ class Reasoner(Protocol):
         ...
 
 
+@runtime_checkable
+class Inquirer(Protocol):
+    """What a reasoner has beside that, if it may ask for probes."""
+
+    def inquire(self, case: Case, verdict: Verdict) -> Probe | None:
+        """The probe to make before a recovery is planned after a failed verdict. None: there is no
+        need. It is asked again with the result, as long as the trial grants one."""
+        ...
+
+
 def admit(recovery: Recovery, case: Case, limits: Limits) -> Admission:
     """The steps of a recovery that may be done, with a reason for each refusal.
 
@@ -35,7 +45,8 @@ def admit(recovery: Recovery, case: Case, limits: Limits) -> Admission:
     formation owns, is finite, lies in the workspace and within one step's reach of the goal in
     force. Where the method takes shifts it may name those, each within that reach of none. After a
     compression stop the first step must unload the wrist, and no insertion goes deeper, unless y
-    changed. A plan with a refused step is refused from that step on.
+    changed; after a probe, which lifts the peg out, it must retreat. A plan with a refused step is
+    refused from that step on.
     """
     admitted: list[Step] = []
     for step in recovery.steps:
@@ -74,6 +85,8 @@ def _refusal(
             )
     if step.formation is Formation.INSERTION and _deeper_into_resistance(step, case, admitted):
         return "no deeper after a compression stop unless y changes"
+    if before is None and case.probes and not step.retreat:
+        return "the peg was lifted out to probe: retreat first"
     if before is None and case.method.presses_on(step, case):
         return "presses on after a compression stop: retreat, or unload the wrist first"
     return None

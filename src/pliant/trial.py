@@ -8,7 +8,7 @@ import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from pliant.belief import Belief, Seen, descent_of
@@ -26,11 +26,10 @@ from pliant.records import (
     End,
     Execution,
     Look,
-    Outcome,
     Recovery,
     Verdict,
 )
-from pliant.recovery import Reasoner, admit
+from pliant.recovery import Inquirer, Reasoner, admit
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.measure import SIMULATED
@@ -43,10 +42,11 @@ _FRESH_S = 0.15  # a picture so old is stale
 @dataclass(frozen=True, kw_only=True)
 class Patience:
     """The limits at which a trial gives up: failed verdicts in a row during recovery (the paper's
-    ten), executions."""
+    ten), executions. And how many probes it grants."""
 
     failures: int = 10
     executions: int = 40
+    probes: int = 4
 
 
 @dataclass(kw_only=True, eq=False)
@@ -84,6 +84,7 @@ class Run:
         self.aborted: Aborted | None = None
         self.clock_s = 0.0
         self._begun: tuple[Step, Pose] | None = None
+        self._slid_m, self._sunk_m, self._seen_z = 0.0, 0.0, math.inf
         self._sight = self.sight or self.method.sight(self.task, self.teaching, SIMULATED)
 
     def __iter__(self) -> Generator[Execution, None, None]:
@@ -112,7 +113,7 @@ class Run:
         skill = self.method.skill(self.task, self.teaching, self.limits)
         queue = deque(goals.step(formation) for formation in Formation)
         robot.sees_depth = lambda: sunk(self._look(robot).scene)
-        failures, slid_m, sunk_m, seen_z = 0, 0.0, 0.0, math.inf
+        failures = 0
         while True:
             if not queue:
                 self.end_reason = End.FINISHED
@@ -125,16 +126,9 @@ class Run:
             target = goals.target(step.formation)
             robot.motions.clear()
             self._begun = step, target
-            robot.descent = descent_of(
-                self.belief,
-                self.task,
-                self.teaching,
-                slid_m=slid_m,
-                sunk_m=sunk_m,
-                seen_z=seen_z,
-            )
+            self._bound(robot)
             outcome = skill(robot, partial(self._look, robot), target, step, self.belief)
-            self._believe(outcome)
+            self._believe(step, outcome.looks)
             problem = doubt(
                 self.task, outcome, self.belief, self.teaching, answered=robot.has_answered
             )
@@ -147,10 +141,8 @@ class Run:
                 raise RobotFault("sensor", f"the wrist's compression cannot be believed: {problem}")
             if robot.has_answered:  # else what is not felt may be the sensor's fault
                 now = slid(self.task, outcome, self.belief, self.teaching)
-                slid_m = slid_m if now is None else now
-            now_m = sunk(outcome.scene) or 0.0
-            sunk_m = max(sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
-            seen_z = outcome.pose.z
+                self._slid_m = self._slid_m if now is None else now
+            self._see_depth(outcome.looks[-1])
             evidence = self.method.check(self.task, outcome, self.belief, self.teaching)
             case = Case(
                 task=self.task,
@@ -166,10 +158,12 @@ class Run:
             )
             verdict = self.reasoner.judge(case)
             failures = 0 if verdict.success else failures + 1
-            recovery = admission = None
+            recovery = admission = fault = None
             done = verdict.success and step.formation is Formation.INSERTION
             out_of_patience = failures >= self.patience.failures
             if not verdict.success and not out_of_patience:
+                case, fault = self._probed(robot, case, verdict)
+            if not verdict.success and not out_of_patience and fault is None:
                 question = Question(case=case, verdict=verdict)
                 yield question
                 recovery = question.answer
@@ -185,6 +179,7 @@ class Run:
                 diagnosis=diagnosis,
                 recovery=recovery,
                 admission=admission,
+                probes=case.probes,
             )
             self.history.append(execution)
             self._begun = None
@@ -198,8 +193,56 @@ class Run:
             elif verdict.success and not queue:  # a plan that ended early goes on in order
                 queue.append(goals.step(list(Formation)[step.formation.order + 1]))
             yield execution
+            if fault is not None:
+                raise fault
             if self.end_reason:
                 return
+
+    def _probed(
+        self, robot: Guarded, case: Case, verdict: Verdict
+    ) -> tuple[Case, RobotFault | None]:
+        """The case with the probes that the reasoner asks for, as many as the trial grants; and the
+        fault that ended one: the execution before it has been judged, and is kept."""
+        prober = self.method.prober(self.task, self.teaching, self.limits)
+        if prober is None or not isinstance(self.reasoner, Inquirer):
+            return case, None
+        made = sum(len(execution.probes) for execution in self.history)
+        case = replace(case, probes_left=self.patience.probes - made)
+        while case.probes_left > 0:
+            probe = self.reasoner.inquire(case, verdict)
+            if probe is None:
+                break
+            self._bound(robot)
+            try:
+                found = prober(robot, partial(self._look, robot), probe, self.belief)
+            except RobotFault as fault:
+                return case, fault
+            self._believe(case.goals.step(Formation.APPROACH), found.looks)
+            self._see_depth(found.looks[-1])
+            case = replace(
+                case,
+                belief=self.belief,
+                probes=(*case.probes, found),
+                probes_left=case.probes_left - 1,
+            )
+        return case, None
+
+    def _bound(self, robot: Guarded) -> None:
+        """Bound how low the hand may go, by what is believed of board and peg."""
+        robot.descent = descent_of(
+            self.belief,
+            self.task,
+            self.teaching,
+            slid_m=self._slid_m,
+            sunk_m=self._sunk_m,
+            seen_z=self._seen_z,
+        )
+
+    def _see_depth(self, look: Look) -> None:
+        """Keep how deep the tip is in the hole, and where the hand is."""
+        now_m = sunk(look.scene) or 0.0
+        self._sunk_m = max(self._sunk_m, now_m) if now_m else 0.0  # as deep as the way was free
+        self._seen_z = look.observation.pose.z
 
     def _unfinished(self, robot: Guarded) -> Aborted | None:
         if self._begun is None:
@@ -217,7 +260,7 @@ class Run:
             observation = robot.observe(cameras)
         return Look(observation=observation, scene=self._sight(observation))
 
-    def _believe(self, outcome: Outcome) -> None:
-        for look in outcome.looks:
-            seen = Seen(step=outcome.step, pose=look.observation.pose, scene=look.scene)
+    def _believe(self, step: Step, looks: Sequence[Look]) -> None:
+        for look in looks:
+            seen = Seen(step=step, pose=look.observation.pose, scene=look.scene)
             self.belief = self.method.believe(self.belief, seen, self.teaching)

@@ -21,7 +21,7 @@ GROUPS = {
         *("record", "replay", "fallback-from-start"),
     ),
     "what the model decides, and is told": (
-        *("judge", "recover", "plan", "one-call", "skip-agreed", "history", "picture"),
+        *("judge", "recover", "probes", "plan", "one-call", "skip-agreed", "history", "picture"),
         *("oblique-picture", "goal-picture", "pose-check", "table-i", "measurements", "belief"),
     ),
     "what the model may do, and spend": (
@@ -78,8 +78,8 @@ class ModelOptions:
             raise InputError(f"--{option} is for a VLM, and no reasoner is one: add vlm to them")
 
     def refuse_silent(self, settings: Settings, say: Callable[[str], None]) -> None:
-        """Probe the model before anything moves, unless its replies are recorded, or the rules may
-        decide from the start. Raises InputError as `pliant.reasoners.refuse_silent`."""
+        """Ask the model once before anything moves, unless its replies are recorded, or the rules
+        may decide from the start. Raises InputError as `pliant.reasoners.refuse_silent`."""
         if self.replay is None and not self.fallback_from_start:
             refuse_silent(settings, say)
 

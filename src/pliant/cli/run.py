@@ -301,6 +301,8 @@ class _Teller:
             line.append(f"; {repeat}")
         self.console.print(line)
         self._instead("judged", verdict.fallback)
+        for probed in execution.probes:
+            self.say(f"      probe {probed}")
         if execution.recovery is not None:
             self._instead("planned", execution.recovery.fallback)
             if execution.recovery.clamped is not None:
@@ -337,7 +339,7 @@ class _Teller:
             self.say(f"{times} of the requests to the model: {note}")
         during = f" during {trial.aborted.step.formation}" if trial.aborted is not None else ""
         fault = f"{during} ({trial.fault})" if trial.fault else ""
-        moves = sum(len(e.outcome.motions) for e in trial.executions)
+        moves = sum(len(e.motions) for e in trial.executions)
         moves += 0 if trial.aborted is None else len(trial.aborted.motions)
         if faults.is_unmeasured(trial.end_reason):
             line = Text("no result", style="bold")

@@ -11,7 +11,7 @@ from pliant import teaching
 from pliant.conditions import Condition
 from pliant.errors import InputError
 from pliant.experiment import decides, growth
-from pliant.experiment.one import Spec
+from pliant.experiment.one import Spec, see_probes
 from pliant.experiment.where import Where
 from pliant.own import short_name
 from pliant.reasoners import vlm as make_vlm
@@ -108,9 +108,11 @@ class Experiment:
 
     def check_models(self) -> None:
         """Check the models to be asked. Raises InputError when one is unknown, or its library or
-        key is missing."""
+        key is missing, or it may probe and the method has no probes."""
         for settings in {c.vlm for c in self.cells if c.vlm is not None}:
             make_vlm(settings)
+        for cell in self.cells:
+            see_probes(cell.spec(0), self.teaching(), self.where.limits)
 
     @cached_property
     def document(self) -> dict[str, Any]:

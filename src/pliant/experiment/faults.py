@@ -16,8 +16,8 @@ from typing import Any
 
 from pliant.errors import PliantError, described, line_of, users_frames
 from pliant.formations import Step
-from pliant.records import Case, FailureAnalysis, Recovery, Verdict
-from pliant.recovery import Reasoner
+from pliant.records import Case, FailureAnalysis, Probe, Recovery, Verdict
+from pliant.recovery import Inquirer, Reasoner
 
 PREFIX = "fault:"
 REASONER, ERROR, WORKER, TIMEOUT = "reasoner", "error", "worker", "timeout"
@@ -83,6 +83,17 @@ class Heeded:
         for name in ("reason", "by"):
             _see(getattr(verdict, name), str, f"the verdict's {name} is", where)
         return verdict
+
+    def inquire(self, case: Case, verdict: Verdict) -> Probe | None:
+        if not isinstance(self.inner, Inquirer):
+            return None
+        with _heeded():
+            probe = self.inner.inquire(case, verdict)
+        if probe is not None:
+            where = self.inner.inquire
+            _see(probe, Probe, "inquire answered", where)
+            _see(probe.reason, str, "the probe's reason is", where)
+        return probe
 
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
         with _heeded():

@@ -10,7 +10,7 @@ from pliant.reasoners.vlm.settings import Decider, Detail, Effort, Settings
 _VERDICTS, _RECOVERIES = 4.1, 1.1  # a trial
 _WORDS = 3150  # tokens: characters / 4; what a cache makes cheaper is not taken off
 _PICTURE = {Detail.LOW: 85, Detail.HIGH: 765}  # tokens of 640 x 480, as OpenAI counts them
-_PROBE = 150  # tokens of the words of the request that is sent first, and the reply's schema
+_FIRST = 150  # tokens of the words of the request that is sent first, and the reply's schema
 _REPLY = 250  # tokens: a guess, models differ in how much they say
 _THOUGHTS = {None: 0, Effort.LOW: 500, Effort.MEDIUM: 2000, Effort.HIGH: 6000}  # tokens: a guess
 
@@ -40,7 +40,8 @@ def estimate(experiment: Experiment) -> Estimate | None:
         return None
     n = experiment.trials
     asked = [(cell, n, _trial(cell)) for cell in cells]
-    asked += [(cell, 1, _probe(cell)) for cell in {cell.vlm: cell for cell in cells}.values()]
+    first = {cell.vlm: cell for cell in cells}
+    asked += [(cell, 1, _first_request(cell)) for cell in first.values()]
     dollars = [_usd(cell, spent) for cell, _, spent in asked]
     known = [d for d in dollars if d is not None]
     return Estimate(
@@ -61,7 +62,7 @@ def _trial(cell: Cell) -> tuple[float, float, float]:
     if settings.judge is Decider.VLM:
         requests += _VERDICTS
     if settings.recover is Decider.VLM:
-        requests += _RECOVERIES * (1 if settings.one_call else 2)
+        requests += _RECOVERIES * ((1 if settings.one_call else 2) + settings.probes)
     pictures = (
         settings.picture * 1.0
         + settings.oblique_picture * 1.0
@@ -71,11 +72,11 @@ def _trial(cell: Cell) -> tuple[float, float, float]:
     return requests, sent, requests * (_REPLY + _THOUGHTS[settings.effort])
 
 
-def _probe(cell: Cell) -> tuple[float, float, float]:
-    """The number of requests, tokens sent and tokens received for the probe before the first
+def _first_request(cell: Cell) -> tuple[float, float, float]:
+    """The number of requests, tokens sent and tokens received for the request before the first
     trial."""
     assert cell.vlm is not None
-    return 1.0, _PROBE + cell.vlm.picture * _PICTURE[cell.vlm.detail], _REPLY / 10
+    return 1.0, _FIRST + cell.vlm.picture * _PICTURE[cell.vlm.detail], _REPLY / 10
 
 
 def _usd(cell: Cell, spent: tuple[float, float, float]) -> float | None:

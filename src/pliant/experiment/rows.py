@@ -76,7 +76,7 @@ def trial_row(trial: Trial) -> Row:
         "diagnosis_weight": believed.weight if believed is not None else None,
         "executions": len(trial.executions),
         **{f"extra_{f}": max(0, n - 1) for f, n in counts.items()},
-        "moves": sum(len(e.outcome.motions) for e in trial.executions),
+        "moves": sum(len(e.motions) for e in trial.executions),
         "simulated_s": _number(trial.simulated_s),
         "wall_s": trial.wall_s,
         "failure_kind": failure_kind(trial),
@@ -241,8 +241,10 @@ def decided(trial: Row) -> str:
 
 def exchanges(execution: Execution) -> list[Exchange]:
     """The exchanges with a model about an execution."""
-    planned = execution.recovery
-    return [*execution.verdict.exchanges, *(planned.exchanges if planned is not None else ())]
+    asked = [execution.verdict, *(probed.probe for probed in execution.probes), execution.recovery]
+    return [
+        exchange for decision in asked if decision is not None for exchange in decision.exchanges
+    ]
 
 
 def _spent(exchanges: list[Exchange]) -> Row:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Motion
+from pliant.conditions import NOMINAL
 from pliant.errors import InputError
 from pliant.pose import Axis, Pose, angles_from
 from pliant.records import Trial
@@ -15,6 +16,7 @@ from pliant.sim.arm import Arm
 from pliant.sim.cell import Trajectory
 from pliant.task import Task
 
+_SENSED = [name for name in NOMINAL if name.startswith("compression_")]
 FASTEST = 25  # [Hz] at which trajectories are stored
 
 
@@ -68,12 +70,12 @@ def _read(
 ) -> NDArray[np.float64]:
     """The wrist's compression as the robot read it [m]: `pressed`, which is true, unless the
     trial's sensor was not; then what the trial recorded of it, with lines between."""
-    if not any(trial.drawn.get(name) for name in ("compression_noise", "compression_dead")):
+    if not any(value != NOMINAL[name] for name, value in trial.drawn.items() if name in _SENSED):
         return pressed
     readings = [
         (trace.time_s, trace.compression_m)
         for e in trial.executions
-        for trace in (motion.trace for motion in e.outcome.motions)
+        for trace in (motion.trace for motion in e.motions)
     ]
     looks = [look.observation for e in trial.executions for look in e.outcome.looks]
     times = np.concatenate([*(t for t, _ in readings), [look.time_s for look in looks]])
@@ -92,7 +94,7 @@ def _kinematics(task: Task) -> tuple[Arm, int]:
 def _commands(
     trial: Trial, time_s: NDArray[np.float64], first: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    motions = [motion for e in trial.executions for motion in e.outcome.motions]
+    motions = [motion for e in trial.executions for motion in e.motions]
     begun = np.searchsorted([motion.started_s for motion in motions], time_s + 1e-6, side="right")
     return np.array(
         [

@@ -14,7 +14,7 @@ from pliant.diagnosis import Sign
 from pliant.envelope import Limits
 from pliant.formations import Step
 from pliant.pose import Pose
-from pliant.records import Evidence, Execution, KnownMethod, Looking, Outcome
+from pliant.records import Evidence, Execution, KnownMethod, Looking, Outcome, Probe, Probed
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.measure import Colours
@@ -27,6 +27,13 @@ class Skill(Protocol):
     def __call__(
         self, robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief
     ) -> Outcome: ...
+
+
+class Prober(Protocol):
+    """Makes a probe on the robot, which may be anywhere; the peg hangs clear of the board
+    afterwards."""
+
+    def __call__(self, robot: Robot, look: Looking, probe: Probe, belief: Belief) -> Probed: ...
 
 
 class Method(KnownMethod, Protocol):
@@ -50,6 +57,10 @@ class Method(KnownMethod, Protocol):
 
     def skill(self, task: Task, teaching: Teaching, limits: Limits) -> Skill:
         """The skill that executes the steps of one trial."""
+        ...
+
+    def prober(self, task: Task, teaching: Teaching, limits: Limits) -> Prober | None:
+        """The prober of one trial; None: the method has no probes."""
         ...
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:

@@ -11,7 +11,7 @@ from pliant.own import make_own, own_file
 METHODS: Mapping[str, Callable[[], Method]] = {"planar": Planar, "guided": Guided}
 _NEEDS = (
     *("name", "plannable", "follows_belief", "words", "presses_on", "plan"),
-    *("cameras", "retakes", "sight", "skill", "believe", "check"),
+    *("cameras", "retakes", "sight", "skill", "prober", "believe", "check"),
 )
 
 

@@ -13,7 +13,7 @@ from pliant.reasoners.vlm.settings import Decider, Settings
 from pliant.recovery import Reasoner
 
 if TYPE_CHECKING:
-    from pliant.reasoners.vlm.probe import Probe
+    from pliant.reasoners.vlm.first_request import FirstAnswer
 
 VLM = "vlm"
 
@@ -76,7 +76,7 @@ def vlm(
     return Vlm(settings=settings, limits=limits, name=name, tape=kept, asked=asked)
 
 
-def probe(settings: Settings) -> "Probe | None":
+def first_answer(settings: Settings) -> "FirstAnswer | None":
     """Make one small request to the model, before anything moves; None: no decision is asked of it.
 
     Raises:
@@ -85,19 +85,19 @@ def probe(settings: Settings) -> "Probe | None":
     if Decider.VLM not in (settings.judge, settings.recover):
         return None
     needs_extra()
+    from pliant.reasoners.vlm.first_request import first_answer as ask
     from pliant.reasoners.vlm.models import model_of
-    from pliant.reasoners.vlm.probe import probe as ask
 
     return ask(settings, model_of(settings))
 
 
 def refuse_silent(settings: Settings, say: Callable[[str], None]) -> None:
-    """Probe a model, and tell `say` what came of it.
+    """Ask a model for the first time, and tell `say` what came of it.
 
     Raises:
         InputError: the request was refused in a way that will not pass, or as for `vlm`.
     """
-    found = probe(settings)
+    found = first_answer(settings)
     if found is None:
         return
     who = f"model '{settings.model}'"

@@ -12,7 +12,7 @@ from pliant.repeats import repeats
 from pliant.report import words
 from pliant.report.html import Html, join, tag
 from pliant.report.parts import badge, facts, notice, outcome, section, table, truth_box
-from pliant.report.plan import recovery
+from pliant.report.plan import probes, recovery
 from pliant.report.transcript import transcript
 from pliant.store import Pictures
 
@@ -58,6 +58,7 @@ def card(
             section("Goal and terminal pose", _poses(execution), _motions(execution)),
             section("Checks", _checks(execution.evidence)),
             section("Verdict", _verdict(execution.verdict, pictures)),
+            probes(execution.probes, pictures),
             recovery(executions, index, pictures),
             class_="parts",
         ),

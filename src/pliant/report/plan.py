@@ -4,12 +4,35 @@ admitted to what was commanded."""
 from collections.abc import Sequence
 
 from pliant.formations import OWNED, Step
-from pliant.records import Execution, FailureAnalysis, Recovery
+from pliant.records import Execution, FailureAnalysis, Probed, Recovery
 from pliant.report import words
 from pliant.report.html import Html, join, tag
 from pliant.report.parts import facts, notice, section, table
-from pliant.report.transcript import transcript
+from pliant.report.transcript import thumbnails, transcript
 from pliant.store import Pictures
+
+
+def probes(found: Sequence[Probed], pictures: Pictures) -> Html:
+    """The probes that were made before a recovery was planned; empty where there was none."""
+    if not found:
+        return Html("")
+    told = [
+        tag(
+            "li",
+            tag("p", f"{probed}."),
+            tag("p", f"Why: {probed.probe.reason} (by {probed.probe.by})"),
+            thumbnails(
+                [
+                    (view.image, f"Probe {number}, {name} camera")
+                    for name, view in probed.looks[-1].observation.views.items()
+                ],
+                pictures,
+            ),
+            transcript(probed.probe.exchanges, pictures),
+        )
+        for number, probed in enumerate(found, start=1)
+    ]
+    return section("Probes", tag("ol", *told, class_="probes"))
 
 
 def recovery(executions: Sequence[Execution], index: int, pictures: Pictures) -> Html:

@@ -81,7 +81,7 @@ _LEGEND = (
 def data(trial: Trial, spans: Sequence[Span] | None) -> dict[str, Any]:
     """The data that the page's script draws: times [s], lengths [mm], angles [deg]."""
     limits = Limits()
-    motions = [motion for e in trial.executions for motion in e.outcome.motions]
+    motions = [motion for e in trial.executions for motion in e.motions]
     motions += trial.aborted.motions if trial.aborted is not None else ()
     every = math.ceil(sum(len(m.trace.time_s) for m in motions) / _MOST_SAMPLES) or 1
     return {

@@ -1,6 +1,9 @@
 """A transcript of what was said to a model and by it: each call with its pictures, its words, and
 what became of them. A model's words are data, and shown as text."""
 
+from collections.abc import Sequence
+
+from pliant.cell import Image
 from pliant.records import Exchange
 from pliant.report import words
 from pliant.report.html import Html, tag
@@ -46,13 +49,23 @@ def _call(number: int, exchange: Exchange, pictures: Pictures) -> Html:
 
 
 def _pictures(number: int, exchange: Exchange, pictures: Pictures) -> Html:
-    thumbnails = []
-    for n, image in enumerate(exchange.pictures, start=1):
+    total = len(exchange.pictures)
+    told = [
+        (image, f"Picture {n} of {total} that call {number} sent")
+        for n, image in enumerate(exchange.pictures, start=1)
+    ]
+    return thumbnails(told, pictures)
+
+
+def thumbnails(told: Sequence[tuple[Image, str]], pictures: Pictures) -> Html:
+    """Pictures in small, each with its words, which open when clicked; empty where there is
+    none."""
+    shown = []
+    for image, alt in told:
         source = f"{PICTURES}/{pictures.path(image).name}"
         height, width = image.shape[:2]
-        alt = f"Picture {n} of {len(exchange.pictures)} that call {number} sent"
-        shown = tag(
+        small = tag(
             "img", src=source, alt=alt, width=str(width), height=str(height), loading="lazy"
         )
-        thumbnails.append(tag("li", tag("a", shown, href=source)))
-    return tag("ul", *thumbnails, class_="thumbnails") if thumbnails else Html("")
+        shown.append(tag("li", tag("a", small, href=source)))
+    return tag("ul", *shown, class_="thumbnails") if shown else Html("")

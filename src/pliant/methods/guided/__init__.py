@@ -13,7 +13,7 @@ from pliant.diagnosis import Sign
 from pliant.envelope import Limits
 from pliant.errors import unknown
 from pliant.formations import OWNED, Formation, Step
-from pliant.methods import Skill
+from pliant.methods import Prober
 from pliant.methods.guided import checks, plan, signs
 from pliant.methods.guided.belief import softly
 from pliant.methods.guided.hand import MECHANISMS, Manner
@@ -60,9 +60,12 @@ class Guided:
     def sight(self, task: Task, teaching: Teaching, colours: Colours | None) -> Sight:
         return shipped_sight(task, teaching, colours, calibrates="calibration" not in self.lacks)
 
-    def skill(self, task: Task, teaching: Teaching, limits: Limits) -> Skill:
+    def skill(self, task: Task, teaching: Teaching, limits: Limits) -> GuidedSkills:
         manner = Manner(limits=limits, contact_speed_m_s=limits.contact_speed_m_s, lacks=self.lacks)
         return GuidedSkills(task=task, teaching=teaching, manner=manner)
+
+    def prober(self, task: Task, teaching: Teaching, limits: Limits) -> Prober:
+        return self.skill(task, teaching, limits).probe
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:
         return softly(belief, look, teaching, Manner(lacks=self.lacks).memory)

@@ -234,8 +234,7 @@ class Hand:
         Raises:
             RobotFault: "no_touch": it was not, and no picture shows the tip in the hole.
         """
-        goal = replace(self.at, z=self.at.z - most)
-        self._move(goal, self._manner.guarded_speed_m_s, touch)
+        self.guarded(most, touch)
         last = self.motions[-1]
         if last.stop is not Stop.TOUCH and not self._is_in_hole():
             raise RobotFault(
@@ -243,6 +242,11 @@ class Hand:
                 f"nothing was felt down to {last.ended.z * 1e3:.1f} mm, where the peg should have"
                 " touched the board",
             )
+
+    def guarded(self, most: float, touch: float) -> None:
+        """Move down by at most `most` [m], ended by `touch` [m] of compression."""
+        goal = replace(self.at, z=self.at.z - most)
+        self._move(goal, self._manner.guarded_speed_m_s, touch)
 
     def _is_in_hole(self) -> bool:
         seen = self.tip()

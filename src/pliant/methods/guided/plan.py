@@ -33,6 +33,9 @@ def plan(case: Case, by: str) -> Recovery:
     """The next steps after a failed execution of a guided skill."""
     if case.diagnosis is not None and case.diagnosis.is_hopeless:
         return _stop(by, case.diagnosis.leading.words, case.diagnosis.why)
+    if case.probes:
+        how, why = "the peg is not in the hole", "it was lifted out to probe"
+        return _touch_down_anew(case, by, how, why)
     scene = placed(case.task, case.teaching, case.outcome.looks[-1], case.belief)
     formation = case.outcome.step.formation
     if scene.peg is None or scene.hole is None:

@@ -20,12 +20,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pliant.belief import Belief, hang_share
-from pliant.cell import Robot
+from pliant.cell import Robot, Stop
 from pliant.formations import Formation, Step
 from pliant.methods.guided.hand import SLICE, WORKED, Hand, Manner, Stopped, bounded
 from pliant.methods.guided.touch import SLIDES_M
 from pliant.pose import Axis, Partial, Pose
-from pliant.records import Looking, Outcome
+from pliant.records import Looking, Outcome, Probe, Probed
 from pliant.task import Task
 from pliant.teaching import Teaching
 from pliant.vision.surround import ALL, FRONT, SIDE
@@ -47,6 +47,8 @@ _APART = 0.0003  # [m] across, between two drags by touch
 _ABOVE = 0.020  # [m] of the tip above the board, at Approach
 _STILL_S = 2.5  # until the swing has died down
 _HIGHER = 0.030  # [m] up, where nothing is seen from there
+_PULL = 0.003  # [m] up, to feel whether a peg is held
+_BELOW = 0.008  # [m] below the board's surface, where a probe that feels nothing ends
 _TOUCH = 0.004  # [m] of compression that is a touch
 _PRESSED, _LIGHT, _UNLOADED = 0.003, 0.0012, 0.0004  # [m] of compression
 _HOP = 0.002  # [m] up, to travel further than friction lets go
@@ -63,6 +65,14 @@ _RECENTRED = 0.004  # [m] that Insertion moves the hinge from above the hole
 _MARGIN = 0.0015  # [m] beyond the depth that is asked for
 _NEAR_ENOUGH = 0.001  # [m] of the tip, before it goes down
 _TURNED_ENOUGH = math.radians(0.5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Felt:
+    """What a touch came to: the height of the low corner [m], or a note on why there is none."""
+
+    z: float | None = None
+    note: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +93,7 @@ class GuidedSkills:
         hand = Hand(self.manner, self.task, self.teaching, robot, look, step, belief)
         try:
             if step.retreat:
-                hand.lift(hand.frame.z + self.task.tip_below_hinge + _ABOVE + 0.01)
+                self._lift_out(hand)
                 self._approach(hand, shift)
                 self._step_aside(hand, shift.get(Axis.X, 0.0))
                 self._contact(hand)
@@ -105,6 +115,69 @@ class GuidedSkills:
         return Outcome(
             step=step, target=hand.at, motions=tuple(hand.motions), looks=tuple(hand.looks)
         )
+
+    def probe(self, robot: Robot, look: Looking, probe: Probe, belief: Belief) -> Probed:
+        """Lift the peg out and hang it leaning above the hole; look from higher, or touch."""
+        step = self.teaching.goals.step(Formation.APPROACH)
+        hand = Hand(self.manner, self.task, self.teaching, robot, look, step, belief)
+        held_m, found = 0.0, Felt(note="the compression limit ended it")
+        try:
+            held_m = self._pull(hand)
+            self._lift_out(hand)
+            self._approach(hand, {})
+            if probe.at is None:
+                hand.shift(z=_HIGHER)
+                found = Felt()
+            else:
+                found = self._touch(hand, *probe.at)
+                self._lift_out(hand)
+        except Stopped:
+            pass
+        robot.settle(self.manner.rest_s)
+        hand.see(ALL)
+        return Probed(
+            probe=probe,
+            motions=tuple(hand.motions),
+            looks=tuple(hand.looks),
+            held_m=held_m,
+            touched_z=found.z,
+            note=found.note,
+        )
+
+    def _pull(self, hand: Hand) -> float:
+        """Pull lightly at the peg: how far that stretches the wrist [m]."""
+        if hand.compression() > _UNLOADED:
+            hand.load(_UNLOADED)
+        hand.shift(z=_PULL)
+        hand.robot.settle(self.manner.rest_s)
+        return max(0.0, -hand.compression())
+
+    def _lift_out(self, hand: Hand) -> None:
+        hand.lift(hand.frame.z + self.task.tip_below_hinge + _ABOVE + 0.01)
+
+    def _touch(self, hand: Hand, x: float, y: float) -> "Felt":
+        """Go down with the low corner over a place, from the middle of the believed hole [m], until
+        it is felt, at most a little below the board's surface."""
+        wall = self.task.peg.half_extents[1] + self.task.hole.clearance / 2
+        here = hand.frame.inside(hand.at)
+        over = replace(here, x=here.x + x, y=here.y + y + wall - _BEFORE_WALL)
+        goal = hand.frame.outside(over)
+        outside = self.manner.limits.outside({axis: goal[axis] for axis in Axis})
+        if outside is not None:
+            return Felt(note=f"it did not go there: the hand's {outside}")
+        hand.to(goal, self.manner.free_speed_m_s)
+        corner = hand.corner((SIDE, FRONT))
+        if corner is None:
+            return Felt(note="it did not go down: no picture shows where the peg hangs")
+        hand.tare()
+        above = hand.at.z
+        hand.guarded(_BELOW - corner.depth, _TOUCH)
+        is_felt = hand.motions[-1].stop is Stop.TOUCH
+        hand.robot.settle(self.manner.rest_s)
+        z = hand.frame.z - corner.depth - (above - hand.at.z)
+        if not is_felt:
+            return Felt(note=f"nothing was felt down to {z * 1e3:.1f} mm")
+        return Felt(z=z + hand.compression())
 
     # --- the formations --------------------------------------------------------------------------
 

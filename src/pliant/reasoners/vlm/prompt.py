@@ -28,6 +28,7 @@ from pliant.vision.surround import OBLIQUE
 
 ASKED = {
     "judge": "judge this execution.",
+    "probe": "say whether you need a probe before you analyse this failure.",
     "analyse": "analyse this failure.",
     "plan": "plan the recovery.",
     "both": "analyse this failure, and plan the recovery.",
@@ -63,6 +64,8 @@ def instructions(settings: Settings, case: Case, limits: Limits) -> str:
     names = ["task", "picture"]
     if settings.judge is Decider.VLM:
         names.append("judge")
+    if settings.recover is Decider.VLM and settings.probes:
+        names.append("probe")
     if settings.recover is Decider.VLM:
         names += ["analyse", f"plan_{settings.plan}"]
     values = figures(case, settings, limits)
@@ -111,6 +114,9 @@ def situation(
         ]
         if "front" in views:
             content += ["The same from the front:", picture(views["front"].image)]
+    for number, probed in enumerate(case.probes, start=1):
+        for name, view in probed.looks[-1].observation.views.items():
+            content += [f"Probe {number}, {name} camera:", picture(view.image)]
     above = _from_above(case) if settings.oblique_picture else None
     if above is not None:
         content += ["The hole from above and aside, before the peg came down:", picture(above)]
@@ -141,6 +147,8 @@ def _sections(
     yield _executed(case, settings)
     if tells_measurements(settings, case):
         yield _seen(case) if follows else _measured(case)
+    if case.probes:
+        yield _probes(case)
     if verdict is not None:
         yield f"## Verdict\nfailure: {verdict.reason}" + (
             f"\nconflict: {verdict.conflict}" if verdict.conflict else ""
@@ -154,6 +162,13 @@ def _sections(
             f"changes of the goals: {'; '.join(changes) or 'none'}"
             + (f"\nshift from the belief: {describe(shift)}" if shift else "")
         )
+
+
+def _probes(case: Case) -> str:
+    """The section on the probes made since the failure."""
+    lines = ["## Probes since, the peg lifted out"]
+    lines += [f"{number}: {probed}" for number, probed in enumerate(case.probes, start=1)]
+    return "\n".join([*lines, f"{case.probes_left} left in this trial"])
 
 
 def _goals(goals: Goals) -> str:
@@ -185,7 +200,9 @@ def _history(case: Case, settings: Settings) -> str:
         for e in told
     ]
     names = _checks(told[0].evidence, settings, case)
-    return "## Earlier executions\n" + _table(["no", "skill", "goal", *names, "judged"], rows)
+    table = _table(["no", "skill", "goal", *names, "judged"], rows)
+    probes = [f"probe after no {e.index + 1}: {probed}" for e in told for probed in e.probes]
+    return "\n".join(["## Earlier executions", table, *probes])
 
 
 def _executed(case: Case, settings: Settings) -> str:

@@ -22,6 +22,7 @@ from pliant.reasoners.vlm import plans, prompt
 from pliant.reasoners.vlm.conversation import ModelAnswer, ask
 from pliant.reasoners.vlm.replies import (
     Analysis,
+    Inquiry,
     Judgement,
     absolute_plan,
     analysis_form,
@@ -31,7 +32,7 @@ from pliant.reasoners.vlm.replies import (
 from pliant.reasoners.vlm.settings import Decider, Plans, Settings
 from pliant.reasoners.vlm.tape import NoTape, Tape
 from pliant.reasoners.vlm.wire import Budget, Wire
-from pliant.records import Case, Exchange, FailureAnalysis, Recovery, Verdict
+from pliant.records import Case, Exchange, FailureAnalysis, Probe, Recovery, Verdict
 
 T = TypeVar("T", bound=BaseModel)
 _SILENT = 3  # decisions in a row without any reply, after which the trial asks no more
@@ -51,6 +52,7 @@ class Vlm:
     rules: Rules = field(default_factory=Rules)
     _silent: int = 0
     _last: str = ""
+    _inquired: tuple[Exchange, ...] = ()  # in which it wanted no probe
 
     def __post_init__(self) -> None:
         most_mm = min(self.settings.step_limit_mm, self.limits.goal_step_m * 1e3)
@@ -114,9 +116,34 @@ class Vlm:
 
     # --- recovering ------------------------------------------------------------------------------
 
+    def inquire(self, case: Case, verdict: Verdict) -> Probe | None:
+        """The probe that the model asks for (protocol `pliant.recovery.Inquirer`)."""
+        if self.settings.recover is Decider.RULES or not self.settings.probes:
+            return None
+        content = prompt.situation(
+            case,
+            self.settings,
+            asked=prompt.ASKED["probe"],
+            verdict=self._told(case, verdict),
+        )
+        answer = self._ask(case, "probe", content, Inquiry, self._deadline())
+        said = answer.value
+        if said is None or said.probe == "none":
+            self._inquired = answer.exchanges
+            return None
+        at = (said.x_mm * 1e-3, said.y_mm * 1e-3) if said.probe == "touch" else None
+        return Probe(reason=said.reason, at=at, by=self.name, exchanges=answer.exchanges)
+
     def recover(self, case: Case, verdict: Verdict) -> Recovery | None:
         if self.settings.recover is Decider.RULES:
             return self.rules.recover(case, verdict)
+        recovery = self._recovered(case, verdict)
+        before, self._inquired = self._inquired, ()
+        if recovery is None or not before:
+            return recovery
+        return replace(recovery, exchanges=before + recovery.exchanges)
+
+    def _recovered(self, case: Case, verdict: Verdict) -> Recovery | None:
         until = self._deadline()
         if self.settings.one_call:
             return self._planned(case, verdict, None, (), until)
@@ -255,6 +282,8 @@ def _forms(case: Case, settings: Settings) -> dict[str, type[BaseModel]]:
     forms: dict[str, type[BaseModel]] = {}
     if settings.judge is Decider.VLM:
         forms["judge"] = Judgement
+    if settings.recover is Decider.VLM and settings.probes:
+        forms["probe"] = Inquiry
     if settings.recover is Decider.VLM:
         plan, analysis = _plan(case, settings), analysis_form(case.method)
         if settings.one_call:

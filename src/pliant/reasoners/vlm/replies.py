@@ -43,6 +43,20 @@ class Judgement(Strict):
     success: bool = Field(description="Your final decision on this skill")
 
 
+class Inquiry(Strict):
+    """Whether you need a probe before you analyse the failure."""
+
+    reason: Words = Field(
+        description="What you are in doubt about, and how a probe would settle it"
+    )
+    probe: Literal["none", "look", "touch"] = Field(
+        description="none: enough is known; look: lift the peg out and look with every camera;"
+        " touch: that, and touch with the peg's low corner"
+    )
+    x_mm: Millimetres = Field(description="Of a touch, from the believed hole; else 0")
+    y_mm: Millimetres = Field(description="Of a touch, from the believed hole; else 0")
+
+
 class Analysis(Strict):
     """Your analysis of the failure."""
 

@@ -73,6 +73,9 @@ class Settings:
     """Who judges: vlm or rules."""
     recover: Decider = Decider.VLM
     """Who analyses and plans: vlm or rules."""
+    probes: bool = False
+    """Let it ask for probes before it plans, where the method has them: pictures from every camera
+    with the peg lifted out, and a touch at a place of its choice."""
     picture: bool = True
     """Show the picture taken after the skill."""
     oblique_picture: bool = False

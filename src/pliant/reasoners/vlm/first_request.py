@@ -26,7 +26,7 @@ class Seen(Strict):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Probe:
+class FirstAnswer:
     """The outcome of a model's first request: `problem` says why there is no usable reply; empty:
     there is one. `is_final`: asking again would change nothing."""
 
@@ -42,7 +42,7 @@ class Probe:
         return f"{took_s:.1f} s, {tokens} tokens{cost}"
 
 
-def probe(settings: Settings, asked: Model) -> Probe:
+def first_answer(settings: Settings, asked: Model) -> FirstAnswer:
     """Ask for the colour of a picture, as every decision is asked for: with the same client, form
     of reply, settings and deadline."""
     content: list[UserContent] = ["Which colour has this picture?"]
@@ -53,10 +53,10 @@ def probe(settings: Settings, asked: Model) -> Probe:
     answer = ask(
         Wire(asked, Budget(settings), NoTape()),
         settings,
-        stage="probe",
+        stage="first",
         instructions="You are asked whether you can be asked. Answer in one word.",
         content=content,
         reply=Seen,
         deadline_s=settings.deadline_s,
     )
-    return Probe(problem=answer.problem, is_final=answer.is_final, exchanges=answer.exchanges)
+    return FirstAnswer(problem=answer.problem, is_final=answer.is_final, exchanges=answer.exchanges)
