@@ -47,7 +47,8 @@ def page_of(folder: Path) -> Page:
 def test_the_page_shows_what_models_wrote_as_text(folder: Path) -> None:
     page = page_of(folder)
     shown = visible(HOSTILE)
-    assert page.words.count(shown) == 8  # name, reason, two requests, two replies, refusal, why
+    # Name, reason and its line above, two requests, two replies, refusal, why.
+    assert page.words.count(shown) == 9
     assert len(page.all("script")) == 3  # the page's own, its data and the library
     assert page.all("b") == []
     assert "\x1b" not in page.words
@@ -55,12 +56,23 @@ def test_the_page_shows_what_models_wrote_as_text(folder: Path) -> None:
 
 def test_the_page_holds_each_call_to_the_model_with_its_pictures(folder: Path) -> None:
     page = page_of(folder)
-    assert len(page.all("details")) == 2
+    assert len(page.all("details")) == 2 + 5  # calls, cards
     assert page.words.count("1,200 tokens in (800 cached), 34 out, 1.5 s, 0.0123 USD") == 2
     assert page.words.count("✗ Not used:") == 1
     sent = [p for p in page.all("img") if "that call" in str(p["alt"])]
     assert len(sent) == 2
     assert all((folder / str(p["src"])).is_file() for p in sent)
+
+
+def test_of_a_long_trial_only_the_last_card_is_unfolded(tmp_path: Path, trial: Trial) -> None:
+    some = trial.executions * 3
+    executions = tuple(replace(e, index=n) for n, e in enumerate(some))
+    whole = replace(trial, executions=executions, truths=trial.truths * 3, model=None)
+    write(tmp_path, whole, shipped(), video=False)
+    cards = page_of(tmp_path).all("details")
+    unfolded = ["open" in card for card in cards]
+    assert unfolded.count(True) == 1
+    assert unfolded[-1]
 
 
 def test_the_page_sets_proposed_admitted_and_commanded_side_by_side(folder: Path) -> None:

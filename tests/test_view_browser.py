@@ -166,6 +166,18 @@ def test_the_timeline_seeks_the_video_and_the_card_follows(
     assert not browser.find_element("css selector", ".plot .now").get_attribute("hidden")
 
 
+def test_a_link_to_a_card_unfolds_it(browser: Driver, trial_page: str) -> None:
+    opened(browser, trial_page)
+    browser.execute_script(
+        "for (const one of document.querySelectorAll('details')) one.open = false"
+    )
+    browser.execute_script("location.hash = '#execution-3'")
+    until(browser, "document.querySelector('#execution-3 > details').open")
+    assert not browser.execute_script(
+        "return document.querySelector('#execution-2 > details').open"
+    )
+
+
 def test_a_click_in_a_plot_takes_the_video_to_its_time(browser: Driver, trial_page: str) -> None:
     opened(browser, trial_page)
     video = "document.querySelector('video')"

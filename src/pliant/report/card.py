@@ -18,6 +18,7 @@ from pliant.store import Pictures
 
 _AXES = (Axis.Y, Axis.Z, Axis.ROLL, Axis.X, Axis.PITCH, Axis.YAW)  # in the plane first
 _CHECKS = {"table_i": "Table I", "goal_picture": "goal picture"}
+_OPEN = 12  # executions, of which all cards are unfolded
 _VOTES = {True: ("yes", "✓ yes"), False: ("no", "✗ no"), None: ("none", "– not made")}
 
 
@@ -38,7 +39,8 @@ def card(
     media: Media,
     pictures: Pictures,
 ) -> Html:
-    """The card of execution `index`, of a trial whose pictures lie in `pictures`."""
+    """The card of execution `index`, of a trial whose pictures lie in `pictures`. Of a long trial
+    only the last is unfolded."""
     execution = executions[index]
     name, number = str(execution.formation).capitalize(), execution.index + 1
     repeat = repeats(executions[: index + 1])[-1]
@@ -52,17 +54,22 @@ def card(
             _video_button(execution.index) if media.filmed else Html(""),
         ),
         Html("") if repeat is None else notice(str(repeat).capitalize()),
-        _pictures(execution, media),
         tag(
-            "div",
-            section("Goal and terminal pose", _poses(execution), _motions(execution)),
-            section("Checks", _checks(execution.evidence)),
-            section("Verdict", _verdict(execution.verdict, pictures)),
-            probes(execution.probes, pictures),
-            recovery(executions, index, pictures),
-            class_="parts",
+            "details",
+            tag("summary", execution.verdict.reason or "no reason given"),
+            _pictures(execution, media),
+            tag(
+                "div",
+                section("Goal and terminal pose", _poses(execution), _motions(execution)),
+                section("Checks", _checks(execution.evidence)),
+                section("Verdict", _verdict(execution.verdict, pictures)),
+                probes(execution.probes, pictures),
+                recovery(executions, index, pictures),
+                class_="parts",
+            ),
+            _truth(truth),
+            open=len(executions) <= _OPEN or number == len(executions),
         ),
-        _truth(truth),
         id=f"execution-{number}",
         class_=f"card {outcome(execution.verdict.success)}",
         aria_labelledby=f"title-{number}",

@@ -33,9 +33,26 @@ function go(index, { play = false, scroll = "none" } = {}) {
     if (scroll !== "none") video.scrollIntoView({ block: "center" });
     if (play) video.play();
   } else if (scroll !== "none") {
+    unfold(cards[index]);
     cards[index].scrollIntoView({ block: "start" });
   }
 }
+
+/** The cards of a long trial are folded, but where a link leads, and on paper. */
+function unfold(card) {
+  const folded = card?.querySelector(":scope > details");
+  if (folded) folded.open = true;
+}
+
+function followLink() {
+  const card = cards.find(({ id }) => id && `#${id}` === location.hash);
+  unfold(card);
+  card?.scrollIntoView({ block: "start" });
+}
+
+addEventListener("hashchange", followLink);
+addEventListener("beforeprint", () => cards.forEach(unfold));
+if (location.hash) followLink();
 
 buttons.forEach((button, index) => button.addEventListener("click", () => go(index, { scroll: video ? "none" : "card" })));
 for (const button of document.querySelectorAll(".card button[data-execution]")) {
