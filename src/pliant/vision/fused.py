@@ -1,10 +1,12 @@
 """Measures a picture without colour in two ways, by edges and by a learned network, and joins what
 they say.
 
-Where they agree on the peg, each quantity is their mean, weighted by what they state; of the hole
-the network alone is nearer. Where they contradict each other by more than both standard deviations
-and a margin allow, the network is believed, which was the nearer one in nearly all of such pictures
-(docs/learned-sight.md), and the scene's `doubts` say so. What one does not find is the other's.
+Where they agree on the peg, each quantity is their mean, weighted by what they state. Of the hole
+the network alone is nearer from the side; from the front both err as little, and each for itself:
+there its place is their mean, too. Where they contradict each other by more than both standard
+deviations and a margin allow, the network is believed, which was the nearer one in nearly all of
+such pictures (docs/learned-sight.md), and the scene's `doubts` say so. What one does not find is
+the other's.
 """
 
 import math
@@ -20,6 +22,7 @@ from pliant.vision.learned import measure_learned
 from pliant.vision.offset import UNKNOWN, Offset
 from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
 from pliant.vision.seen import peg_seen
+from pliant.vision.surround import FRONT
 
 _DEVIATIONS = 4.0  # of both together that a difference may be
 _MARGIN_M, _MARGIN_RAD = 0.001, math.radians(1.0)  # and so much more
@@ -65,7 +68,11 @@ def joined(
         peg, off = _pegs_joined(edges, learned.peg, view, task, pose, offset)
         doubts += _doubt("peg", off)
     if by_edges.hole is not None and learned.hole is not None:
-        doubts += _doubt("hole", _holes_differ(by_edges.hole, learned.hole, offset))
+        off = _holes_differ(by_edges.hole, learned.hole, offset)
+        doubts += _doubt("hole", off)
+        if view.camera.name == FRONT and not off:
+            y = _joined(by_edges.hole.y, learned.hole.y, offset.y)
+            hole = replace(learned.hole, y=y)
     problems = []
     for thing, found in (("hole", hole), ("peg", peg)):
         if found is None:
