@@ -47,7 +47,7 @@ SET = Cases(SHIPPED)
 
 def test_the_set_that_ships_is_the_frozen_one() -> None:
     assert SET.hash == SHIPPED_HASH
-    assert SHIPPED.stat().st_size < 13e6
+    assert SHIPPED.stat().st_size < 13.5e6
 
 
 def test_the_set_holds_every_sort_of_case_and_is_balanced() -> None:
@@ -253,8 +253,8 @@ def test_stopping_is_scored_apart_from_planning() -> None:
 
 def test_stop_cases_are_failures_that_a_reasoner_could_see_coming() -> None:
     stops = [q for q in SET if q.key.answer.stop]
-    met = {"wrong_peg", "no_peg", "blocked_hole", "bar_across"}
-    assert {q.key.origin.condition for q in stops} == met
+    met = {q.key.origin.condition for q in stops}
+    assert len(met) >= 8  # kinds
     assert all(load_level(name).right == STOP for name in met)
     goes_on = [q for q in SET if q.key.kind is Kind.SOUND and not q.key.answer.success]
     assert all(q.key.answer == Answer(success=False, stop=True) for q in stops)

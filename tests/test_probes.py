@@ -2,6 +2,8 @@
 its low corner touches where it was asked to."""
 
 import math
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -19,7 +21,6 @@ from pliant.cell import Robot
 from pliant.conditions import Setup
 from pliant.envelope import Limits
 from pliant.errors import InputError, RobotFault
-from pliant.experiment.cells import Cell, Experiment
 from pliant.experiment.faults import Heeded, ReasonerFault
 from pliant.experiment.one import Spec, composed
 from pliant.experiment.rows import exchanges
@@ -29,7 +30,6 @@ from pliant.methods.guided import Guided
 from pliant.methods.guided.skills import SHIFTS
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.replies import motion_field
-from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Execution, Looking, Probe, Probed, Recovery, Trial, Verdict
 from pliant.recovery import Reasoner, admit
 from pliant.report.trial import write
@@ -185,17 +185,25 @@ def test_a_reasoner_that_asks_for_what_is_no_probe_is_at_fault() -> None:
         list(running(Heeded(inner=Wrong((None,)))))
 
 
-def test_probes_for_a_method_that_has_none_are_refused_before_anything_moves() -> None:
-    spec = Spec.named(peg="circle", seed=1)
-    cell = Cell(
-        task=spec.task,
-        level="L0",
-        condition=spec.condition,
-        reasoner="vlm",
-        vlm=Settings(model="test", probes=True),
-    )
-    with pytest.raises(InputError, match="probes: method planar has none"):
-        Experiment(cells=(cell,)).check_models()
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "--reasoner", "vlm", "--model", "test", "--probes"),
+        ("run", "--method", "guided", "--reasoner", "vlm", "--recover", "rules", "--probes"),
+        ("experiment", "--reasoners", "vlm", "--model", "test", "--probes"),
+        ("bench-reasoner", "vlm", "--model", "test", "--probes"),
+    ],
+)
+def test_probes_that_nobody_could_make_are_refused_before_a_model_is_asked(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    command = (sys.executable, "-m", "pliant", *words)
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, encoding="utf-8")
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    (line,) = ended.stderr.splitlines()
+    assert "probe" in line
+    assert list(tmp_path.iterdir()) == []
 
 
 # --- a model that asks -------------------------------------------------------------------------

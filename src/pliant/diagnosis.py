@@ -50,7 +50,7 @@ _WORDS = {
     Hypothesis.SENSOR_WRONG: "the wrist's sensor does not tell how far it is pressed",
     Hypothesis.CAMERA_WRONG: "the cameras do not show what is there now",
     Hypothesis.CAMERA_BLIND: "the cameras show nothing near the board",
-    Hypothesis.UNKNOWN: "something is wrong that has no name here",
+    Hypothesis.UNKNOWN: "the reasoner stopped, and no sign says what is wrong",
 }
 
 
@@ -105,6 +105,8 @@ class Diagnosis:
         return "; ".join(dict.fromkeys(said))
 
     def __str__(self) -> str:
+        if self.leading is Hypothesis.UNKNOWN:  # a word of the reasoner's, which nothing weighs
+            return self.leading.words
         return f"{self.leading.words} ({100 * self.weight:.0f} %)"
 
 

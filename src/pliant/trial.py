@@ -203,9 +203,9 @@ class Run:
     ) -> tuple[Case, RobotFault | None]:
         """The case with the probes that the reasoner asks for, as many as the trial grants; and the
         fault that ended one: the execution before it has been judged, and is kept."""
-        prober = self.method.prober(self.task, self.teaching, self.limits)
-        if prober is None or not isinstance(self.reasoner, Inquirer):
+        if self.method.prober is None or not isinstance(self.reasoner, Inquirer):
             return case, None
+        prober = self.method.prober(self.task, self.teaching, self.limits)
         made = sum(len(execution.probes) for execution in self.history)
         case = replace(case, probes_left=self.patience.probes - made)
         while case.probes_left > 0:

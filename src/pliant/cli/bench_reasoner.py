@@ -77,6 +77,8 @@ def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
     """Makers of the reasoners to be asked, by the name shown. Each reasoner is made once here, so
     that one that cannot be made is refused before anything is asked."""
     model.refuse_without(is_asked=VLM in names)
+    if model.vlm.probes:
+        raise InputError("--probes: nothing moves here, so that nobody can probe; leave it out")
     makers: dict[str, Make] = {}
     for name in map(located_own, names):
         if name == VLM:

@@ -11,8 +11,9 @@ from pliant import teaching
 from pliant.conditions import Condition
 from pliant.errors import InputError
 from pliant.experiment import decides, growth
-from pliant.experiment.one import Spec, see_probes
+from pliant.experiment.one import Spec
 from pliant.experiment.where import Where
+from pliant.methods.named import method
 from pliant.own import short_name
 from pliant.reasoners import vlm as make_vlm
 from pliant.reasoners.vlm.settings import Settings
@@ -84,6 +85,11 @@ class Experiment:
                 )
         for cell in self.cells:
             self.where.check(cell.level, cell.condition, cell.reasoner, cell.method)
+            if cell.vlm is not None and cell.vlm.probes and method(cell.method).prober is None:
+                raise InputError(
+                    f"probes: method {short_name(cell.method)} has none; leave them out, or take"
+                    " guided"
+                )
 
     def __len__(self) -> int:
         return len(self.cells) * self.trials
@@ -108,11 +114,9 @@ class Experiment:
 
     def check_models(self) -> None:
         """Check the models to be asked. Raises InputError when one is unknown, or its library or
-        key is missing, or it may probe and the method has no probes."""
+        key is missing."""
         for settings in {c.vlm for c in self.cells if c.vlm is not None}:
             make_vlm(settings)
-        for cell in self.cells:
-            see_probes(cell.spec(0), self.teaching(), self.where.limits)
 
     @cached_property
     def document(self) -> dict[str, Any]:

@@ -160,7 +160,6 @@ def perform(
     limits = limits or Limits()
     mind = _reasoner(spec, cell, setup, limits, record, replay)
     teaching = teaching.for_task(spec.task)
-    see_probes(spec, teaching, limits)
     history: list[Execution] = []
     truths: list[Truth] = []
     simulated_s, aborted = 0.0, None
@@ -206,14 +205,6 @@ def perform(
         cell=cell.kind,
         method=short_name(spec.method),
     )
-
-
-def see_probes(spec: Spec, teaching: Teaching, limits: Limits) -> None:
-    """Raise InputError if the model may ask for probes, and the method has none."""
-    if spec.vlm is not None and spec.vlm.probes:
-        way = method_named(spec.method)
-        if way.prober(spec.task, teaching, limits) is None:
-            raise InputError(f"probes: method {way.name} has none; leave them out, or take guided")
 
 
 def composed(

@@ -5,7 +5,7 @@ A method is stateless, and one for all trials. What a trial needs to remember is
 skill and its belief, which the loop makes and keeps.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from pliant.belief import Belief, Seen
@@ -59,8 +59,9 @@ class Method(KnownMethod, Protocol):
         """The skill that executes the steps of one trial."""
         ...
 
-    def prober(self, task: Task, teaching: Teaching, limits: Limits) -> Prober | None:
-        """The prober of one trial; None: the method has no probes."""
+    @property
+    def prober(self) -> Callable[[Task, Teaching, Limits], Prober] | None:
+        """Makes the prober of one trial; None: the method has no probes."""
         ...
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:

@@ -33,6 +33,7 @@ class Planar:
     follows_belief = False
     cameras = (SIDE,)
     retakes = 0
+    prober = None  # as in the paper
 
     @property
     def words(self) -> Mapping[str, str]:
@@ -43,9 +44,6 @@ class Planar:
 
     def skill(self, task: Task, teaching: Teaching, limits: Limits) -> Skill:
         return PlanarSkills(taught=teaching.goals, contact_speed_m_s=limits.contact_speed_m_s)
-
-    def prober(self, task: Task, teaching: Teaching, limits: Limits) -> None:
-        return None  # as in the paper
 
     def believe(self, belief: Belief, look: Seen, teaching: Teaching) -> Belief:
         return mean(belief, look, teaching)

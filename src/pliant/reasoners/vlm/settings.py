@@ -128,6 +128,8 @@ class Settings:
             raise InputError(f"step_limit_mm is {self.step_limit_mm:g}: it must be 1 or more")
         if self.history < 0:
             raise InputError(f"history is {self.history}: it must be 0 or more executions")
+        if self.probes and self.recover is not Decider.VLM:
+            raise InputError("probes are for whoever plans, and here the rules do: leave them out")
         if self.temperature is not None and not 0 <= self.temperature <= 2:
             raise InputError(f"temperature is {self.temperature:g}: it must be from 0 to 2")
         if self.max_usd is not None and not self.max_usd > 0:
