@@ -143,6 +143,11 @@ def with_own_goals(folder: Path) -> None:
     shutil.copytree(str(files("pliant") / "goals"), folder / "my_goals")
 
 
+def in_a_checkout(folder: Path) -> None:
+    """The tests lie where a reader of a checkout has them."""
+    (folder / "tests").symlink_to(ROOT / "tests")
+
+
 def with_table2(folder: Path) -> None:
     """A small run in the place of Table II's."""
     fields = {"pegs": "circle", "conditions": "all", "reasoners": ["none", "rules"], "trials": 2}
@@ -551,8 +556,17 @@ PAGES: Mapping[str, Page] = {
         }
     ),
     "docs/tutorials/own-robot.md": Page(
+        prepared=in_a_checkout,
         blocks={
             "loud.py": Comes(),
+            "test_loud.py": Comes(),
+            "pliant run --cell loud.py:LoudCell --dry-run": Comes(
+                says=(r"^insertion .* 167\.6 ", r"^retreat, fit "),
+            ),
+            "pliant run --cell loud.py:LoudCell --air": Comes(says=("^all in free air$",)),
+            "PYTHONPATH=tests:. python -m pytest test_loud.py": Comes(
+                less="-q -p no:cacheprovider", says=(r"^1\d passed",)
+            ),
             "pliant run --cell loud.py:LoudCell": Comes(
                 says=(*INSERTED, r"^moved to y \+26\.0, z 21\d\.\d mm: reached$")
             ),
@@ -563,7 +577,7 @@ PAGES: Mapping[str, Page] = {
             "pliant run --cell cell.yaml --air": EMULATED,
             "pliant run --cell cell.yaml --condition none": EMULATED,
             "text 1": EMULATED,
-        }
+        },
     ),
     "docs/vlm.md": Page(
         blocks={
