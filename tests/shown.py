@@ -421,6 +421,24 @@ PAGES: Mapping[str, Page] = {
                 less="--limit 10", says=(r"^\| mine\.py:Mine \| 10 \|",)
             ),
             "mine.py": Comes(),
+            "gives_up.py": Comes(),
+            "pliant run --level blocked_hole --peg square --seed 3 --method planar --reasoner"
+            " gives_up.py:GivesUp": Comes(
+                less="--no-video",
+                says=("how +stop, and let somebody look$", r"^stopped: 12 executions"),
+                status=1,
+            ),
+            "asks.py": Comes(),
+            "pliant run --level flush_plug --peg square --seed 3 --reasoner asks.py:Asks": Comes(
+                less="--no-video",
+                says=("^stopped: 3 executions", "why +in the hole the peg was felt"),
+                status=1,
+            ),
+            "text 1": Comes(
+                then=is_shown_by(
+                    "pliant run --level flush_plug --peg square --seed 3 --reasoner asks.py:Asks"
+                )
+            ),
         }
     ),
     "docs/index.md": Page(
