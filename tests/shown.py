@@ -154,6 +154,14 @@ def with_table2(folder: Path) -> None:
     runner.run(plan.from_fields(fields), folder / "runs" / "table2", workers=1)
 
 
+def is_csv(ran: Ran) -> None:
+    """Each trial is a line under the columns' names."""
+    head, *lines = (ran.folder / "trials.csv").read_text(encoding="utf-8").splitlines()
+    assert head.startswith('"trial_id","cell","level","peg"')
+    assert len(lines) == 4
+    assert any(line.startswith('"L0-circle-all-rules-2","sim","L0","circle"') for line in lines)
+
+
 def is_the_example(ran: Ran) -> None:
     """The cell's file is whole, and is read."""
     assert ran.printed == ""
@@ -272,8 +280,9 @@ PAGES: Mapping[str, Page] = {
         prepared=with_table2,
         blocks={
             "python 1": Comes(says=("inserted_mean",), slow=True),
+            "python 2": Comes(makes=("trials.csv",), then=is_csv),
             "sql 1": Comes(says=("first_step",), slow=True),
-            "python 2": Comes(says=("drawn_grasp_roll",), slow=True),
+            "python 3": Comes(says=("drawn_grasp_roll",), slow=True),
         },
     ),
     "docs/datasets.md": Page(
