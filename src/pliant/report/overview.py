@@ -80,8 +80,8 @@ def _headline(summary: Summary, title: str) -> Html:
     ]
     unfinished = (
         notice(
-            f"Not finished: {n} of {planned} trials are shown. While it is served (--watch, --serve)"
-            " this page loads itself again; else `pliant view` again shows more."
+            f"Not finished: {n} of {planned} trials are shown. While it is served (--watch or"
+            " --serve) this page loads itself again; else `pliant view` again shows more."
         )
         if n < planned
         else Html("")
