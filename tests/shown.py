@@ -18,6 +18,7 @@ from pliant.conditions import condition
 from pliant.emulator import faults
 from pliant.experiment import plan, runner
 from pliant.experiment.one import Spec, perform
+from pliant.pictures import decoded
 from pliant.sim.cell import SimCell
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -152,6 +153,11 @@ def with_table2(folder: Path) -> None:
     """A small run in the place of Table II's."""
     fields = {"pegs": "circle", "conditions": "all", "reasoners": ["none", "rules"], "trials": 2}
     runner.run(plan.from_fields(fields), folder / "runs" / "table2", workers=1)
+
+
+def is_a_picture(ran: Ran) -> None:
+    """It shows the peg in the hole, as the camera took it."""
+    assert decoded((ran.folder / "last.png").read_bytes()).shape == (480, 640, 3)
 
 
 def is_csv(ran: Ran) -> None:
@@ -383,6 +389,7 @@ PAGES: Mapping[str, Page] = {
                 makes=("runs/from-python/trials.parquet",),
                 slow=True,
             ),
+            "python 2": Comes(makes=("last.png",), then=is_a_picture),
         }
     ),
     "docs/how-to/peg.md": Page(
