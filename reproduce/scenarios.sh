@@ -1,6 +1,6 @@
 #!/bin/sh
 # What the rules do where something is not as the task says: reproduce/scenarios.sh [FOLDER].
-# 48 trials each and 255 on L9; three hours on one core. The same command goes on where it stopped.
+# 48 trials each and 255 on L9; three hours on one core, half of that on two. The same command goes on where it stopped.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-runs/scenarios}

@@ -18,6 +18,7 @@ from pliant.conditions import condition
 from pliant.emulator import faults
 from pliant.experiment import plan, runner
 from pliant.experiment.one import Spec, perform
+from pliant.pictures import decoded
 from pliant.sim.cell import SimCell
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -143,10 +144,28 @@ def with_own_goals(folder: Path) -> None:
     shutil.copytree(str(files("pliant") / "goals"), folder / "my_goals")
 
 
+def in_a_checkout(folder: Path) -> None:
+    """The tests lie where a reader of a checkout has them."""
+    (folder / "tests").symlink_to(ROOT / "tests")
+
+
 def with_table2(folder: Path) -> None:
     """A small run in the place of Table II's."""
     fields = {"pegs": "circle", "conditions": "all", "reasoners": ["none", "rules"], "trials": 2}
     runner.run(plan.from_fields(fields), folder / "runs" / "table2", workers=1)
+
+
+def is_a_picture(ran: Ran) -> None:
+    """It shows the peg in the hole, as the camera took it."""
+    assert decoded((ran.folder / "last.png").read_bytes()).shape == (480, 640, 3)
+
+
+def is_csv(ran: Ran) -> None:
+    """Each trial is a line under the columns' names."""
+    head, *lines = (ran.folder / "trials.csv").read_text(encoding="utf-8").splitlines()
+    assert head.startswith('"trial_id","cell","level","peg"')
+    assert len(lines) == 4
+    assert any(line.startswith('"L0-circle-all-rules-2","sim","L0","circle"') for line in lines)
 
 
 def is_the_example(ran: Ran) -> None:
@@ -267,8 +286,9 @@ PAGES: Mapping[str, Page] = {
         prepared=with_table2,
         blocks={
             "python 1": Comes(says=("inserted_mean",), slow=True),
+            "python 2": Comes(makes=("trials.csv",), then=is_csv),
             "sql 1": Comes(says=("first_step",), slow=True),
-            "python 2": Comes(says=("drawn_grasp_roll",), slow=True),
+            "python 3": Comes(says=("drawn_grasp_roll",), slow=True),
         },
     ),
     "docs/datasets.md": Page(
@@ -369,6 +389,7 @@ PAGES: Mapping[str, Page] = {
                 makes=("runs/from-python/trials.parquet",),
                 slow=True,
             ),
+            "python 2": Comes(makes=("last.png",), then=is_a_picture),
         }
     ),
     "docs/how-to/peg.md": Page(
@@ -416,6 +437,24 @@ PAGES: Mapping[str, Page] = {
                 less="--limit 10", says=(r"^\| mine\.py:Mine \| 10 \|",)
             ),
             "mine.py": Comes(),
+            "gives_up.py": Comes(),
+            "pliant run --level blocked_hole --peg square --seed 3 --method planar --reasoner"
+            " gives_up.py:GivesUp": Comes(
+                less="--no-video",
+                says=("how +stop, and let somebody look$", r"^stopped: 12 executions"),
+                status=1,
+            ),
+            "asks.py": Comes(),
+            "pliant run --level flush_plug --peg square --seed 3 --reasoner asks.py:Asks": Comes(
+                less="--no-video",
+                says=("^stopped: 3 executions", "why +in the hole the peg was felt"),
+                status=1,
+            ),
+            "text 1": Comes(
+                then=is_shown_by(
+                    "pliant run --level flush_plug --peg square --seed 3 --reasoner asks.py:Asks"
+                )
+            ),
         }
     ),
     "docs/index.md": Page(
@@ -551,8 +590,17 @@ PAGES: Mapping[str, Page] = {
         }
     ),
     "docs/tutorials/own-robot.md": Page(
+        prepared=in_a_checkout,
         blocks={
             "loud.py": Comes(),
+            "test_loud.py": Comes(),
+            "pliant run --cell loud.py:LoudCell --dry-run": Comes(
+                says=(r"^insertion .* 167\.6 ", r"^retreat, fit "),
+            ),
+            "pliant run --cell loud.py:LoudCell --air": Comes(says=("^all in free air$",)),
+            "PYTHONPATH=tests:. python -m pytest test_loud.py": Comes(
+                less="-q -p no:cacheprovider", says=(r"^1\d passed",)
+            ),
             "pliant run --cell loud.py:LoudCell": Comes(
                 says=(*INSERTED, r"^moved to y \+26\.0, z 21\d\.\d mm: reached$")
             ),
@@ -563,7 +611,7 @@ PAGES: Mapping[str, Page] = {
             "pliant run --cell cell.yaml --air": EMULATED,
             "pliant run --cell cell.yaml --condition none": EMULATED,
             "text 1": EMULATED,
-        }
+        },
     ),
     "docs/vlm.md": Page(
         blocks={

@@ -22,6 +22,7 @@ from pliant.calibration.outline import Hang, Points, block_points, outside, peg_
 from pliant.calibration.wrist import Press
 from pliant.cell import Camera
 from pliant.cli.calibrate import calibrate
+from pliant.cli.usages import CALIBRATE
 from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
 from pliant.errors import InputError, RobotFault
@@ -429,7 +430,11 @@ def test_the_command_finds_the_simulated_cells_colours_and_wrist(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pliant.sim.cell.SimCell", lambda: cell_for("circle"))
-    picked: dict[str, Any] = {"peg_at": (320, 120), "block_at": (320, 350), "out": tmp_path}
+    (example,) = (line.split() for line, _ in CALIBRATE.examples if "--peg-at" in line)
+    picked: dict[str, Any] = {"out": tmp_path}
+    for name in ("peg-at", "block-at"):  # where the page of help points
+        u, v = example[example.index(f"--{name}") + 1 :][:2]
+        picked[name.replace("-", "_")] = int(u), int(v)
     for what in ("colours", "wrist"):
         assert calibrate(what, condition="pose", seed=3, **picked) == 0
     said = capsys.readouterr().out

@@ -22,7 +22,7 @@ from pliant.envelope import Limits
 from pliant.envs.decision import ACTION, FIELDS, as_action, as_recovery, numbers
 from pliant.envs.insertion import STATE, STEP_M, STEP_RAD, InsertionEnv
 from pliant.envs.recovery import EXECUTION_COST, RecoveryEnv
-from pliant.errors import InputError, RobotFault
+from pliant.errors import InputError, RobotFault, installing
 from pliant.experiment.one import Spec, perform
 from pliant.formations import RECOVERABLE, Formation
 from pliant.pose import Axis, Pose
@@ -443,8 +443,7 @@ def test_pliant_alone_does_not_import_gymnasium_nor_the_environments_mujoco() ->
 def test_without_gymnasium_the_error_names_the_extra_in_one_line() -> None:
     done = run("import sys; sys.modules['gymnasium'] = None\nimport pliant.envs")
     assert done.stderr.splitlines()[-1] == (
-        "pliant.errors.InputError: the environments need the extra 'gym':"
-        " run 'pip install \".[gym]\"' in a checkout"
+        f"pliant.errors.InputError: the environments need the extra 'gym': {installing('gym')}"
     )
 
 

@@ -140,7 +140,7 @@ def test_without_the_extra_a_recording_is_refused_in_one_line(
     source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install '.\[rerun\]'"):
+    with pytest.raises(InputError, match=r"pip install (-e )?'.\[rerun\]'"):
         recording.write(source, tmp_path / "trial.rrd", fps=10)
     with pytest.raises(InputError, match=r"not named \.rrd"):
         recording.write(source, tmp_path / "trial", fps=10)

@@ -56,7 +56,7 @@ def test_the_page_shows_what_models_wrote_as_text(folder: Path) -> None:
 
 def test_the_page_holds_each_call_to_the_model_with_its_pictures(folder: Path) -> None:
     page = page_of(folder)
-    assert len(page.all("details")) == 2 + 5  # calls, cards
+    assert len(page.all("details")) == 2 + 5 + 1  # calls, cards, words
     assert page.words.count("1,200 tokens in (800 cached), 34 out, 1.5 s, 0.0123 USD") == 2
     assert page.words.count("✗ Not used:") == 1
     sent = [p for p in page.all("img") if "that call" in str(p["alt"])]
@@ -125,6 +125,20 @@ def test_the_page_says_in_its_title_what_was_run(trial: Trial, tmp_path: Path) -
 def test_the_page_has_a_card_for_each_execution_in_order(folder: Path, trial: Trial) -> None:
     cards = [c["id"] for c in page_of(folder).all("article")]
     assert cards == [f"execution-{n + 1}" for n in range(len(trial.executions))]
+
+
+def test_the_page_says_once_what_its_words_mean_and_which_way_y_goes(folder: Path) -> None:
+    page = page_of(folder)
+    for said in (
+        "the level of difficulty: the paper's grid, with the paper's skills",
+        "stands 47.9 mm to the right of that edge",
+        "y to the right, z up",
+        "within 1 mm and 0.5° of the goal",
+        "docs/glossary.md",
+    ):
+        assert page.words.count(said) == 1
+    (sketch,) = page.all("svg")
+    assert "y to the right, z up" in str(sketch["aria-label"])
 
 
 def test_the_page_tells_plan_refusal_and_truth_apart(folder: Path, trial: Trial) -> None:

@@ -33,6 +33,9 @@ def test_what_is_shown_of_your_own_robot_comes_true_at_the_emulated_one(tmp_path
     printed = ""
     with started(*shlex.split(begun)[3:], "--host", HOST, "--mode", "fast"):
         ran(snippet(shown["python 1"]), tmp_path)
+        file = (tmp_path / "cell.yaml").read_text(encoding="utf-8")
+        assert "z_mm: 55.0," in file  # numbers as a person writes them
+        assert not re.search(r"\de-\d", file)
         for step, expected in zip(steps, SAYS.items(), strict=True):
             name, patterns = expected
             assert name in step

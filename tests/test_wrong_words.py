@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from pliant import errors
 from pliant.cli import COMMANDS, main
 from pliant.cli.model import GROUPS
 from pliant.reasoners.vlm.settings import Settings
@@ -155,3 +156,16 @@ def test_a_shell_is_told_how_to_complete_commands_and_options(
 def test_every_setting_of_a_model_stands_in_a_group_of_the_help() -> None:
     grouped = {name.replace("-", "_") for names in GROUPS.values() for name in names}
     assert {f.name for f in fields(Settings)} <= grouped
+
+
+def test_an_extra_is_asked_for_by_a_command_that_the_environment_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / ".venv").mkdir()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    monkeypatch.setattr(errors, "find_spec", lambda name: None)
+    assert errors.installing("gym") == "pip install '.[gym]' in a checkout"
+    (tmp_path / ".tools" / "bin").mkdir(parents=True)
+    (tmp_path / ".tools" / "bin" / "uv").touch()
+    asked = errors.installing("gym")
+    assert asked == ".tools/bin/uv pip install -e '.[gym]' in the checkout"

@@ -31,7 +31,7 @@ DOCUMENTS = (
 
 
 def summary() -> str:
-    """The README's six rows: who decides, on what, and how often it came out right."""
+    """The README's rows: who decides, on what, and how often it came out right."""
     cells = {
         (cell["peg"], cell["condition"], cell["reasoner"]): cell["inserted"]
         for cell in _stored("table2")["cells"]
@@ -48,6 +48,7 @@ def summary() -> str:
         ("paper: GPT-4o", grid, _share(successes, theirs.trials)),
         ("no recovery", grid, _told(cells["circle", "all", "none"])),
         ("rules", grid, _told(cells["circle", "all", "rules"])),
+        ("rules less no recovery", "the same draws: difference [points]", _gain()),
         (
             "a model of 135 million parameters",
             "stored cases: judged right (balanced accuracy; a coin has 50)",
@@ -65,6 +66,52 @@ def summary() -> str:
         ),
     ]
     lines = [("who decides", "on what", "[%]"), ("---", "---", "---"), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _gain() -> str:
+    """What recovery is worth on the round peg with everything random, in the README's words."""
+    (pair,) = (
+        pair for pair in _pairs("table2") if (pair["peg"], pair["condition"]) == ("circle", "all")
+    )
+    return f"{_difference(pair)} of {pair['n']}"
+
+
+def _pairs(run: str) -> list[Any]:
+    """The cells of a run in which the rules were tried on the draws of no recovery."""
+    return [p for p in _stored(run)["pairs"] if (p["first"], p["second"]) == ("none", "rules")]
+
+
+def _difference(pair: dict[str, Any]) -> str:
+    """Rules less none: a stored pair has it the other way round."""
+    least, most = -pair["high"], -pair["low"]
+    return f"{0.0 - pair['difference']:+.1f} [{least:+.1f}, {most:+.1f}]"
+
+
+def recovery() -> str:
+    """What recovery is worth, draw by draw, wherever no recovery was tried on the same draws."""
+    head = ["run", "peg", "condition", "n", "none: inserted [%]", "rules: inserted [%]"]
+    lines = [[*head, "rules − none [points]", "only by rules", "only by none"]]
+    lines.append(["---"] * len(lines[0]))
+    for run in ("table2", "controls"):
+        document = _stored(run)
+        cells = {(c["peg"], c["condition"], c["reasoner"]): c for c in document["cells"]}
+        for pair in _pairs(run):
+            if pair["peg"] is None:
+                continue
+            where = pair["peg"], pair["condition"]
+            rates = [cells[*where, who]["inserted"]["percent"] for who in ("none", "rules")]
+            lines.append(
+                [
+                    run,
+                    *where,
+                    str(pair["n"]),
+                    *(f"{rate:.1f}" for rate in rates),
+                    _difference(pair),
+                    str(pair["only_second"]),
+                    str(pair["only_first"]),
+                ]
+            )
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
@@ -87,6 +134,8 @@ def block(name: str) -> str:
     """The Markdown that belongs between a name's marks."""
     if name == "summary":
         return summary()
+    if name == "recovery":
+        return recovery()
     markdown = RESULTS / f"{name.replace('-', '_')}.md"
     if markdown.is_file():
         return markdown.read_text(encoding="utf-8").strip()

@@ -8,11 +8,13 @@ Anything else that is raised is a defect.
 """
 
 import os
+import sys
 import sysconfig
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
+from importlib.util import find_spec
 from pathlib import Path
 
 _LIBRARIES = (
@@ -70,6 +72,14 @@ def did_you_mean(name: object, valid: Iterable[object]) -> str:
     ones; "" where nothing is near."""
     near = get_close_matches(str(name), [str(v) for v in valid], 1)
     return f"; did you mean '{near[0]}'?" if near else ""
+
+
+def installing(extra: str) -> str:
+    """The command that brings an extra to the environment in which this runs. One that `make` made
+    in a checkout has no pip of its own: a shell would find the system's."""
+    if find_spec("pip") is None and Path(sys.prefix, "..", ".tools", "bin", "uv").exists():
+        return f".tools/bin/uv pip install -e '.[{extra}]' in the checkout"
+    return f"pip install '.[{extra}]' in a checkout"
 
 
 def users_frames(error: BaseException) -> list[traceback.FrameSummary]:

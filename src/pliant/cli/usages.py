@@ -90,7 +90,7 @@ CALIBRATE = Usage(
         ("pliant calibrate --cell cell.yaml", "all of it"),
         ("pliant calibrate camera --cell cell.yaml", "the camera alone"),
         (
-            "pliant calibrate colours --cell cell.yaml --peg-at 320 200 --block-at 320 400",
+            "pliant calibrate colours --cell cell.yaml --peg-at 320 100 --block-at 320 400",
             "no window",
         ),
     ),

@@ -42,7 +42,8 @@ class Options:
     """An emulated UR5e controller with a soft wrist, a gripper and a camera."""
 
     peg: str = "circle"
-    """circle, square, rectangle, or the path of a peg file (.yaml)"""
+    """circle, square, rectangle, or the path of a peg file (.yaml); pliant's own commands put a
+    shipped peg in its place, and a file's is for other clients"""
     condition: str = "none"
     """none, friction, pose or all: what the first trial draws at random"""
     seed: int = 0

@@ -4,14 +4,12 @@ Importing this package registers both. It needs the extra `gym`; MuJoCo is impor
 environment is made.
 """
 
-from pliant.errors import InputError
+from pliant.errors import InputError, installing
 
 try:
     import gymnasium
 except ModuleNotFoundError as error:
-    raise InputError(
-        "the environments need the extra 'gym': run 'pip install \".[gym]\"' in a checkout"
-    ) from error
+    raise InputError(f"the environments need the extra 'gym': {installing('gym')}") from error
 
 _HERE = "pliant.envs"
 

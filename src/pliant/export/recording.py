@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant import folders, pictures
-from pliant.errors import InputError
+from pliant.errors import InputError, installing
 from pliant.export import film
 from pliant.export.labels import Label, labels
 from pliant.export.output import check_new, origin
@@ -247,6 +247,4 @@ def _import(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise InputError(
-            "a recording needs the extra 'rerun': pip install '.[rerun]' in a checkout"
-        ) from error
+        raise InputError(f"a recording needs the extra 'rerun': {installing('rerun')}") from error

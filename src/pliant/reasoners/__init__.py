@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pliant.envelope import Limits
-from pliant.errors import InputError, unknown
+from pliant.errors import InputError, installing, unknown
 from pliant.own import make_own, own_file
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
@@ -119,6 +119,4 @@ def needs_extra(what: str = "the reasoner vlm") -> None:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "pydantic_ai":
             raise
-        raise InputError(
-            f"{what} needs the extra 'vlm': pip install '.[vlm]' in a checkout"
-        ) from error
+        raise InputError(f"{what} needs the extra 'vlm': {installing('vlm')}") from error

@@ -184,11 +184,7 @@ def _checks(evidence: Evidence) -> Html:
     return table(
         ["check", "success?", "message"],
         [_check(c) for c in evidence.checks],
-        "pose: within 1 mm and 0.5° of the goal on the axes the formation owns. compression: its"
-        " limit ended no motion. Table I: the paper's rule on the picture; its p_gy and p_ey are y"
-        " of the goal and of the pose reached, too big where the peg stands right of the hole, too"
-        " small where left. metric: depth and place from the picture. * added by pliant; the others"
-        " are the paper's.",
+        "* added by pliant. What each check asks: Words on this page, at the top.",
     )
 
 

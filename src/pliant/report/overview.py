@@ -79,7 +79,10 @@ def _headline(summary: Summary, title: str) -> Html:
         ("pliant, mujoco", f"{versions.get('pliant')}, {versions.get('mujoco')}"),
     ]
     unfinished = (
-        notice(f"Not finished: {n} of {planned} trials are shown. `pliant view` again shows more.")
+        notice(
+            f"Not finished: {n} of {planned} trials are shown. While it is served (--watch or"
+            " --serve) this page loads itself again; else `pliant view` again shows more."
+        )
         if n < planned
         else Html("")
     )

@@ -11,6 +11,7 @@ from pliant.report import timeline, words
 from pliant.report.card import Media, aborted, card
 from pliant.report.document import document
 from pliant.report.html import Html, join, tag
+from pliant.report.legend import legend
 from pliant.report.parts import badge, chapter, facts, notice, outcome, truth_box
 from pliant.report.video import Span
 from pliant.store import Pictures
@@ -41,6 +42,7 @@ def render(
         title,
         _way_back(home),
         _headline(trial, title),
+        legend(trial),
         _strip(trial, media),
         *_timeline(trial, video, spans),
         _executions(trial, media, pictures),

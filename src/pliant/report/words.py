@@ -103,7 +103,7 @@ def truth(now: Truth) -> list[tuple[str, str]]:
         return [label]
     return [
         label,
-        ("low edge in the hole", yes_no(now.fit)),
+        ("low corner in the hole", yes_no(now.fit)),
         ("depth", millimetres(now.depth_m)),
         ("tip y, z", f"{number(y * 1e3)}, {number(z * 1e3)} mm"),
         ("tilt", in_units(Axis.ROLL, now.tilt_rad)),

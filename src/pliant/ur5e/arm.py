@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.errors import InputError, RobotFault
+from pliant.errors import InputError, RobotFault, installing
 from pliant.ur5e.configuration import Configuration, Transform, transform, ur_pose
 from pliant.ur5e.pace import LOOK_S, Pace, Stalled, pace_of
 
@@ -57,7 +57,7 @@ class ArmClient:
             from rtde_receive import RTDEReceiveInterface
         except ImportError as error:
             raise InputError(
-                f"a UR5e cell needs the extra 'ur5e' ({error}): pip install '.[ur5e]' in a checkout"
+                f"a UR5e cell needs the extra 'ur5e' ({error}): {installing('ur5e')}"
             ) from error
         address = configuration.arm.address
         self._configuration = configuration

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pliant import pictures
 from pliant.cell import View
-from pliant.errors import InputError, RobotFault
+from pliant.errors import InputError, RobotFault, installing
 from pliant.network import open_directly
 from pliant.ur5e import configuration as c
 
@@ -262,9 +262,8 @@ def _realsense(settings: c.CameraSettings, patience_s: float) -> Callable[[], Fr
         import pyrealsense2 as rs
     except ImportError as error:
         raise InputError(
-            f"a RealSense camera needs the extra 'ur5e' ({error}): pip install '.[ur5e]' in a"
-            " checkout, and"
-            " on Debian the package libusb-1.0-0"
+            f"a RealSense camera needs the extra 'ur5e' ({error}): {installing('ur5e')}, and on"
+            " Debian the package libusb-1.0-0"
         ) from error
     if settings.source is c.CameraSource.FILE and not Path(settings.where).is_file():
         raise InputError(f"camera.where: there is no recording '{settings.where}'")

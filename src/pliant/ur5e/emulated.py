@@ -49,10 +49,16 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
         {
             "arm": {"address": address, "watchdog_hz": 10 if is_lockstep else 2},
             "tcp": _millimetres(x, y, z)
-            | dict(zip(("rx_deg", "ry_deg", "rz_deg"), map(math.degrees, turn), strict=True)),
+            | dict(
+                zip(
+                    ("rx_deg", "ry_deg", "rz_deg"),
+                    (_round(math.degrees(v)) for v in turn),
+                    strict=True,
+                )
+            ),
             "payload": {
                 "mass_kg": payload["mass_kg"],
-                "center_mm": [v * 1e3 for v in payload["centre_on_flange_m"]],
+                "center_mm": [_round(v * 1e3) for v in payload["centre_on_flange_m"]],
             },
             "task_frame": _millimetres(*(-v for v in base)),
             "workspace": {
@@ -69,9 +75,11 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
                 "where": f"{cell['camera_url']}/side.png",
                 "width": side["width"],
                 "height": side["height"],
-                "focal_px": side["focal_px"],
-                "position_mm": [v * 1e3 for v in side["position"]],
-                "rotation_deg": [math.degrees(v) for v in angles_from(np.array(side["rotation"]))],
+                "focal_px": _round(side["focal_px"]),
+                "position_mm": [_round(v * 1e3) for v in side["position"]],
+                "rotation_deg": [
+                    _round(math.degrees(v)) for v in angles_from(np.array(side["rotation"]))
+                ],
             },
             "patience": _LOCKSTEP if is_lockstep else _REAL_TIME,
             "emulator": {"admin_port": admin_port},
@@ -80,4 +88,10 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
 
 
 def _millimetres(x: float, y: float, z: float) -> dict[str, float]:
-    return {"x_mm": x * 1e3, "y_mm": y * 1e3, "z_mm": z * 1e3}
+    return {"x_mm": _round(x * 1e3), "y_mm": _round(y * 1e3), "z_mm": _round(z * 1e3)}
+
+
+def _round(value: float) -> float:
+    """A number as a person reads it in the file: a millionth of a millimetre or of a degree, and no
+    negative zero."""
+    return round(value, 6) + 0.0
