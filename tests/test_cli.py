@@ -38,9 +38,14 @@ def test_a_run_tells_its_story_and_leaves_a_whole_result_folder(tmp_path: Path) 
     assert (trial / "index.html").is_file()
     assert (trial / "strip.png").is_file()
     assert not (trial / "video.mp4").exists()
+    (trial / "video.mp4").write_bytes(b"a video")
     again = pliant("run", "--seed", "1", "--no-video", "--out", out)
     assert again.returncode == 0
     assert len((out / "journal.jsonl").read_text(encoding="utf-8").splitlines()) == 1
+    assert "made again" not in done.stdout
+    told = f"made again: replaces the page in '{trial}' and removes its video (--no-video)"
+    assert told in again.stdout.splitlines()
+    assert not (trial / "video.mp4").exists()
 
 
 def test_json_is_one_line_with_the_columns_of_the_trials_table(tmp_path: Path) -> None:
@@ -156,6 +161,12 @@ def test_an_experiment_ends_with_its_tables_and_resumes(tmp_path: Path) -> None:
     assert "Table II" in tables.stdout
     assert set(json.loads(pliant("tables", tmp_path / "run", "--json").stdout)) > {"cells"}
     assert pliant("tables", tmp_path).returncode == 2
+    held = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
+    single = pliant("run", "--reasoner", "none", "--no-video", "--out", tmp_path / "run")
+    assert single.returncode == 2
+    (said,) = single.stderr.splitlines()
+    assert "holds an experiment of 2 trials, whose tables a single trial would replace" in said
+    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == held
 
 
 def test_a_broken_recording_is_refused_before_anything_is_written(tmp_path: Path) -> None:

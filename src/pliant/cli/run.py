@@ -119,11 +119,12 @@ def run(
     if spec.vlm is not None:
         model.refuse_silent(spec.vlm, teller.say)
     trajectory = None
+    page = store.trial_folder(folder, spec.trial_id)
     if is_simulated:
-        trial, trajectory = _simulated(experiment, spec, folder, teller, model, live=live)
+        replaced = _replaced(page, video=video)
+        trial, trajectory = _simulated(experiment, spec, folder, teller, model, replaced, live=live)
     else:
         trial = _attended(experiment, spec, folder, teller, model)
-    page = store.trial_folder(folder, trial.trial_id)
     video = video and trajectory is not None
     with counted("drawing the video") as steps:
         report.write(page, trial, teaching, trajectory=trajectory, video=video, progress=steps.tell)
@@ -145,12 +146,27 @@ def _free_folder(experiment: Experiment, folder: Path) -> Path:
     return next(f for f in chain([folder], sisters) if runner.may_hold(experiment, f))
 
 
+def _replaced(page: Path, *, video: bool) -> str:
+    """A sentence on what this trial's folder holds already and the run makes again; "" where it
+    holds no page."""
+    from pliant.report.trial import PAGE, VIDEO
+
+    if not (page / PAGE).is_file():
+        return ""
+    if not (page / VIDEO).is_file():
+        return f"made again: replaces the page in '{shown(page)}'"
+    if video:
+        return f"made again: replaces the page and the video in '{shown(page)}'"
+    return f"made again: replaces the page in '{shown(page)}' and removes its video (--no-video)"
+
+
 def _simulated(
     experiment: Experiment,
     spec: Spec,
     folder: Path,
     teller: "_Teller",
     model: ModelOptions,
+    replaced: str,
     *,
     live: bool,
 ) -> "tuple[Trial, Trajectory]":
@@ -163,6 +179,8 @@ def _simulated(
     if live:
         _watch(cell)
     with _opened(experiment, folder) as book:
+        if replaced:
+            teller.say(replaced)
         teller.begin(spec)
         trial = perform(
             spec,

@@ -270,6 +270,12 @@ def prepare(experiment: Experiment, folder: Path, *, grows: bool = False) -> Non
     before = held(folder)
     if before.get("fingerprint") == document["fingerprint"]:
         return
+    if not grows and (holds := growth.planned(before)) > len(experiment):
+        raise InputError(
+            f"output folder '{folder}' holds an experiment of {holds} trials, whose tables a single"
+            " trial would replace: choose another folder (--out), or add to it with `pliant"
+            " experiment`"
+        )
     after = growth.grown(before, document, folder)
     if after is before:
         return
