@@ -56,6 +56,15 @@ WRONG = {
     "experiment --trials many": "--trials is 'many': it must be a whole number",
     "experiment --pegs circle sqare": "did you mean 'square'",
     "experiment --save some": "it must be failures or all or none",
+    "experiment --again faults": "holds no experiment, so there is nothing to repeat: leave",
+    "experiment --pegs circle --pegs square": "--pegs is given twice: write all values behind one",
+    "run --seed 1 --seed 2": "--seed is given twice: leave one out",
+    "run --seed=1 --seed 1": "--seed is given twice",
+    "run --video --no-video": "--video is given twice",
+    "run --hole-y-mm 1 2 --hole_y_mm 3 4": "--hole-y-mm is given twice",
+    "run --preset paper --preset paper": "--preset is given twice",
+    "export X --trial A --trial B --lerobot y": "--trial is given twice: write all values behind",
+    "export X --trial --lerobot y": "--trial takes one trial_id or several",
     "experiment --again everything": "--again is 'everything'",
     "experiment --workers 0": "workers is 0",
     "experiment --time-limit-s -3": "time limit",
@@ -90,6 +99,18 @@ def test_a_wrong_command_line_is_answered_in_one_line(
     assert said.startswith("pliant: ")
     assert answer in said
     assert [*tmp_path.iterdir()] == []
+
+
+def test_an_option_beside_a_preset_that_has_it_too_is_no_repeat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["run", "--preset", "paper", "--plan", "bounded", "--judge", "rules", "--peg", "x"]
+    monkeypatch.setattr(sys, "argv", ["pliant", *words])
+    with pytest.raises(SystemExit):
+        main()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("pliant: unknown peg 'x'")
 
 
 def test_a_class_that_a_file_does_not_have_is_answered_with_those_it_has(

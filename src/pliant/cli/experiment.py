@@ -66,7 +66,7 @@ def experiment(
             (path/to/file.py:Class).
         trials: per cell; default 30.
         first_seed: default 1; seeds pair across cells.
-        level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
+        level: the rung of the ladder, L0 to L9, or a scenario such as wrong_peg; L0 is the
             paper's grid.
         method: planar (the paper's), guided, also without some of its mechanisms (guided-ease), or
             your own (path/to/file.py:Class); default the level's.

@@ -74,10 +74,10 @@ def run(
         condition: none, friction, pose or all: what is drawn at random.
         seed: decides every drawn quantity.
         reasoner: rules, messages, sweep, retry, none, oracle, vlm or file.py:Class.
-        level: L0 (the paper's grid) to L8, or a scenario such as wrong_peg.
+        level: L0 (the paper's grid) to L9, or a scenario such as wrong_peg.
         method: planar, guided, guided-ease (no ease), file.py:Class; default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
-        cell: sim, a cell's file (.yaml) or file.py:Class; a real one asks a person.
+        cell: sim, a cell's file (.yaml) or file.py:Class; a real one asks you.
         out: the result folder; default runs/ and the trial's name.
         video: then draw the trial as an MP4; simulated cell only.
         json: print one line of JSON, the columns of trials.parquet, and no more.

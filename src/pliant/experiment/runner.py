@@ -97,6 +97,11 @@ def run(
     folder = located(folder)  # a worker's current folder may be another
     record, replay = (None if path is None else located(path) for path in (record, replay))
     goals = None if experiment.goals is None else str(located(experiment.goals))
+    if again and not (folder / store.RUN).exists():
+        raise InputError(
+            f"'{folder}' holds no experiment, so there is nothing to repeat: leave {AGAIN} out, or"
+            " name its folder (--out)"
+        )
     expected = experiment.expected  # as planned: a file may be changed while it runs
     prepare(experiment, folder, grows=True)
     path = folder / journal.FILE
@@ -120,7 +125,7 @@ def run(
         if resumed:
             seen.say(f"resuming: {resumed} of {len(experiment)} trials are there")
         if again:
-            seen.say(f"repeating {_count(len(repeated))}")
+            seen.say(f"repeating {_count(len(repeated))}" if repeated else "no faults to repeat")
         elif faulted:
             seen.say(f"{_count(len(faulted))} among them: {AGAIN} repeats such trials")
         jobs = (
