@@ -258,6 +258,27 @@ def test_a_resumed_run_names_its_faults_and_repeats_them_and_no_others_when_told
     assert "fault:error: ZeroDivisionError: seed 1 (" in said
 
 
+def test_finished_trials_whose_record_was_not_kept_are_counted_when_it_is_asked_for(
+    tmp_path: Path,
+) -> None:
+    plan = experiment(8, reasoners=["rules"])  # seeds 4 and 8 are not inserted
+    run(plan, tmp_path, workers=1, work=quick)
+
+    def said(save: Save) -> str:
+        console = Console(record=True, width=200, file=StringIO())
+        run(plan, tmp_path, workers=1, work=quick, save=save, watcher=Shown(plan, console))
+        return console.export_text()
+
+    assert "8 finished trials have no record, which --save all keeps only of" in said(Save.ALL)
+    assert "2 finished trials have no record, which --save fail" in said(Save.FAILURES)
+    assert "no record" not in said(Save.NONE)
+    for spec in plan.specs():
+        kept = store.trial_folder(tmp_path, spec.trial_id)
+        kept.mkdir(parents=True)
+        (kept / store.TRIAL).touch()
+    assert "no record" not in said(Save.ALL)
+
+
 def test_what_the_workers_cannot_do_at_all_is_said_before_the_first_trial(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no trial can be performed here: .* \(exit status 9\)"):
         run(experiment(), tmp_path, workers=1, work=dead)

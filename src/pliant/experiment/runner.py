@@ -106,7 +106,7 @@ def run(
     prepare(experiment, folder, grows=True)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
-        place, faulted = _Places(experiment, held(folder)), dict[str, str]()
+        place, faulted, unkept = _Places(experiment, held(folder)), dict[str, str](), 0
         for entry in journal.scan(path):
             cell = place.put(entry.trial_id, entry.offset, path)
             if cell is None:
@@ -115,6 +115,7 @@ def run(
                 faulted[entry.trial_id] = entry.fault
             if not (entry.fault and again):
                 seen.known(cell, entry.inserted, entry.fault)
+                unkept += engine is None and _lacks_record(folder, entry, save)
         repeated = set(faulted) if again else set()
         for trial_id in repeated:
             place.forget(trial_id, path)
@@ -124,6 +125,8 @@ def run(
             seen.say(f"journal: dropped a half-written last line ({book.torn} bytes)")
         if resumed:
             seen.say(f"resuming: {resumed} of {len(experiment)} trials are there")
+        if unkept:
+            seen.say(_without_record(unkept, save))
         if again:
             seen.say(f"repeating {_count(len(repeated))}" if repeated else "no faults to repeat")
         elif faulted:
@@ -221,6 +224,20 @@ class _First:
         elif len(self._texts) == self.n:
             self._texts, self.stopped = None, fault
         return bool(self.stopped)
+
+
+def _lacks_record(folder: Path, entry: journal.Entry, save: Save) -> bool:
+    """Whether a finished trial has no record that `save` would have kept."""
+    is_wanted = save is Save.ALL or (save is Save.FAILURES and entry.inserted is not True)
+    return is_wanted and not (store.trial_folder(folder, entry.trial_id) / store.TRIAL).is_file()
+
+
+def _without_record(unkept: int, save: Save) -> str:
+    trials = "1 finished trial has" if unkept == 1 else f"{unkept} finished trials have"
+    return (
+        f"{trials} no record, which --save {save.value} keeps only of trials that are run now: for"
+        " theirs, run the experiment anew into another folder (--out)"
+    )
 
 
 def _count(faulted: int) -> str:
