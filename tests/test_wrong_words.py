@@ -38,10 +38,22 @@ WRONG = {
     "run --method guided-eaze": "did you mean 'ease'",
     "run --seed x": "--seed is 'x': it must be a whole number",
     "run --seed 1.5": "--seed is '1.5': it must be a whole number",
-    "run --seed -1": "first_seed is -1",
+    "run --seed -1": "--seed is -1: it must be a whole number from 0",
     "run --hole-y-mm 3": "--hole-y-mm takes two values: the least and the most",
     "run --hole-y-mm a b": "--hole-y-mm takes two values",
-    "run --hole-y-mm 9 3": "hole_y from 9 mm to 3 mm",
+    "run --hole-y-mm 9 3": "pliant: --hole-y-mm from 9 mm to 3 mm cannot be; it must lie",
+    "experiment --grasp-roll-deg 0 90": "pliant: --grasp-roll-deg from 0 deg to 90 deg cannot be",
+    "experiment mine.yaml --friction 1 2": "--friction is drawn in place of a condition's",
+    "bench-reasoner rules coin rules": "reasoner 'rules' is given twice",
+    "experiment --reasoners rules rules": "reasoner 'rules' is given twice: give it once",
+    "experiment --pegs circle square circle": "peg 'circle' is given twice",
+    "experiment --conditions all all --friction 1 2": "condition 'all-own' is given twice",
+    "experiment --first-seed -1": "--first-seed is -1",
+    "run --peg=": "unknown peg '': valid are circle",
+    "run --condition=": "unknown condition ''",
+    "run --reasoner=": "unknown reasoner ''",
+    "run --method=": "unknown method ''",
+    "run --dry-run --air": "--dry-run and --air are two ways to rehearse: leave one of them out",
     "run --effort extreme": "--effort is 'extreme': it must be low or medium or high",
     "run --effort hihg": "did you mean 'high'",
     "run --preset papr": "did you mean 'paper'",
@@ -99,6 +111,22 @@ def test_a_wrong_command_line_is_answered_in_one_line(
     assert said.startswith("pliant: ")
     assert answer in said
     assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("command", ["run", "experiment"])
+def test_a_file_of_ones_own_that_is_no_python_is_named_with_its_line_and_no_other(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "own.py").write_text("\nclass Mine\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["pliant", command, "--cell", "own.py:Mine"])
+    with pytest.raises(SystemExit):
+        main()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.endswith("cannot be made: SyntaxError: expected ':' (own.py:2)")
 
 
 def test_an_option_beside_a_preset_that_has_it_too_is_no_repeat(

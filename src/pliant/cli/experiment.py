@@ -18,7 +18,7 @@ from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import growth, plan, price, runner
-from pliant.experiment.cells import Experiment
+from pliant.experiment.cells import WHOLE, Experiment, whole
 from pliant.experiment.measures import is_undecided
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
@@ -86,6 +86,16 @@ def experiment(
         ranges: ranges in place of the conditions' own.
         model: the model behind the reasoner vlm.
     """
+    for name, number in (("trials", trials), ("first_seed", first_seed)):
+        if number is not None:
+            whole(f"--{name.replace('_', '-')}", number, *WHOLE[name])
+    if conditions is None and (option := ranges.first_given) is not None:
+        if file is not None:
+            raise InputError(
+                f"{option} is drawn in place of a condition's own range: give --conditions beside"
+                " it, or write the range into the file"
+            )
+        conditions = ("all",)
     out, model, console = located(out), model.placed(), Console()
     given = {
         "pegs": pegs,

@@ -28,7 +28,7 @@ from pliant.cli.steps import counted
 from pliant.console import Lasting, say
 from pliant.errors import InputError, PliantError, described
 from pliant.experiment import faults, journal, plan, results, runner
-from pliant.experiment.cells import Experiment
+from pliant.experiment.cells import WHOLE, Experiment, whole
 from pliant.experiment.measures import is_undecided, model_share
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.rows import decided, exchanges, rows_of
@@ -87,6 +87,9 @@ def run(
         ranges: ranges in place of the condition's own.
         model: the model behind the reasoner vlm.
     """
+    whole("--seed", seed, *WHOLE["first_seed"])
+    if dry_run and air:
+        raise InputError("--dry-run and --air are two ways to rehearse: leave one of them out")
     out, model = None if out is None else located(out), model.placed()
     fields = {
         "pegs": peg,
