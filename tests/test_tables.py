@@ -313,8 +313,12 @@ def test_a_run_of_nothing_but_successes_still_has_all_its_tables(tmp_path: Path)
 
 
 def test_what_is_no_finished_run_is_refused_with_what_to_do(tmp_path: Path, folder: Path) -> None:
-    with pytest.raises(InputError, match="finish it with the command that began it"):
+    with pytest.raises(InputError, match="absent' does not exist: name the result folder"):
         tables.build(tmp_path / "absent")
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / "run.json").touch()
+    with pytest.raises(InputError, match="not finished: finish it with the command that began it"):
+        tables.build(tmp_path / "begun")
     (folder / "executions.parquet").write_bytes(b"PAR1 no")
     with pytest.raises(InputError, match="is broken"):
         tables.build(folder)

@@ -80,9 +80,10 @@ WRONG = {
     "experiment --again everything": "--again is 'everything'",
     "experiment --workers 0": "workers is 0",
     "experiment --time-limit-s -3": "time limit",
-    "view nowhere": "nowhere",
+    "view nowhere": "'nowhere' does not exist: name the result folder",
+    "tables nowhere": "'nowhere' does not exist: name the result folder",
     "view nowhere --port": "--port takes a value",
-    "export nowhere --lerobot data": "nowhere",
+    "export nowhere --lerobot data": "'nowhere' does not exist: name the result folder",
     "export nowhere": "give --lerobot",
     "export --lerobto data nowhere": "did you mean '--lerobot'",
     "bench-reasoner ruless": "did you mean 'rules'",
@@ -111,6 +112,26 @@ def test_a_wrong_command_line_is_answered_in_one_line(
     assert said.startswith("pliant: ")
     assert answer in said
     assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("held", [(), ("note.txt",)], ids=["nothing", "a note"])
+@pytest.mark.parametrize("line", ["view {}", "tables {}", "export {} --lerobot data"])
+def test_a_folder_that_pliant_did_not_write_is_refused_in_the_same_words_everywhere(
+    line: str,
+    held: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in held:
+        (tmp_path / name).touch()
+    monkeypatch.setattr(sys, "argv", ["pliant", *line.format(tmp_path).split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert f"'{tmp_path}' holds no results of pliant: name the result folder of" in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == [*held]
 
 
 @pytest.mark.parametrize("command", ["run", "experiment"])

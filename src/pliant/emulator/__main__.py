@@ -28,16 +28,21 @@ def main() -> None:
         options = taken(
             words, Options, lambda: tyro.cli(Options, prog=_PROGRAM, config=flags), _PROGRAM
         )
-        if not options.is_loopback():
-            complain(
-                f"warning: {options.host} can be reached from other machines, and nothing here asks"
-                " for a password"
-            )
+        is_loopback = options.is_loopback()  # refuses what is no address
+
+        def tell(ready: str) -> None:
+            if not is_loopback:
+                complain(
+                    f"warning: {options.host} can be reached from other machines, and nothing here"
+                    " asks for a password"
+                )
+            say(ready)
+
         # The default selector rounds waits up to milliseconds, which are most of a tick.
         with asyncio.Runner(
             loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
         ) as runner:
-            runner.run(serve(options, lambda text: say(text)))
+            runner.run(serve(options, tell))
     except PliantError as error:
         complain(f"pliant.emulator: {error}")
         sys.exit(2)

@@ -63,6 +63,7 @@ def open_run(folder: Path, *chosen: str) -> Source:
     Raises:
         InputError: the run is not finished, kept no trial's record, or has no such trial.
     """
+    results.see_results(folder)
     folders.refuse_links(folder)
     rows = results.read_trials(folder).to_pylist()
     found = splits(rows)
