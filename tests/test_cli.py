@@ -1,8 +1,10 @@
 """The command line: what it prints, what it writes, how it refuses, its exit status."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -167,6 +169,27 @@ def test_an_experiment_ends_with_its_tables_and_resumes(tmp_path: Path) -> None:
     (said,) = single.stderr.splitlines()
     assert "holds an experiment of 2 trials, whose tables a single trial would replace" in said
     assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == held
+
+
+def test_an_interrupted_experiment_says_so_on_stderr_and_exits_with_130(tmp_path: Path) -> None:
+    cell = ("--conditions", "none", "--reasoners", "none", "--trials", "500", "--workers", "1")
+    process = subprocess.Popen(
+        [PLIANT, "experiment", *cell, "--out", tmp_path / "run"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    journal = tmp_path / "run" / "journal.jsonl"
+    until = time.monotonic() + 90
+    while not (journal.exists() and journal.stat().st_size) and time.monotonic() < until:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    printed, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert printed == ""
+    assert "interrupted: what is finished is kept; the same command goes on" in said
+    assert "of 500 trials are done; the same command goes on" in said
 
 
 def test_a_broken_recording_is_refused_before_anything_is_written(tmp_path: Path) -> None:

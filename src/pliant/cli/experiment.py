@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from rich.prompt import Confirm
 
+from pliant import signals
 from pliant.cli.attended import attended
 from pliant.cli.cells import where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
@@ -18,8 +19,9 @@ from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import growth, plan, price, runner
-from pliant.experiment.cells import WHOLE, Experiment, whole
+from pliant.experiment.cells import WHOLE, Experiment
 from pliant.experiment.measures import is_undecided
+from pliant.experiment.one import whole
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
 from pliant.experiment.trust import Named, refuse
@@ -96,7 +98,7 @@ def experiment(
                 " it, or write the range into the file"
             )
         conditions = ("all",)
-    out, model, console = located(out), model.placed(), Console()
+    out, model, console = located(out), model.placed(), Console(stderr=True)
     given = {
         "pegs": pegs,
         "conditions": conditions and [ranges.applied_to(name) for name in conditions],
@@ -138,7 +140,10 @@ def experiment(
             ray=ray,
             save=save,
             time_limit_s=time_limit_s,
-            watcher=Shown(planned, console if is_simulated else Console(force_terminal=False)),
+            watcher=Shown(
+                planned,
+                console if is_simulated else Console(stderr=True, force_terminal=False),
+            ),
             record=model.record,
             replay=model.replay,
             engine=engine,
@@ -161,16 +166,18 @@ def _watched(planned: Experiment, out: Path, console: Console) -> "Watched":
 
 
 def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Console) -> int:
-    """Say how the run ended, with its tables; return the command's status."""
+    """Say how the run ended, and print its tables on standard output; return the command's
+    status."""
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
-        return 1
+        return signals.exit_status() if ended.interrupted else 1
     larger = growth.planned(runner.held(out)) > len(planned)
     part = {spec.trial_id for spec in planned.specs()} if larger else None
     document = made_of(out, part)
     text = markdown(document)
-    console.print(text, highlight=False, soft_wrap=True)
-    console.print(f"results: {shown(out)}", highlight=False)
+    printed = Console(highlight=False, soft_wrap=True)
+    printed.print(text)
+    printed.print(f"results: {shown(out)}")
     if larger:
         console.print(
             f"the folder holds more than these {len(planned)} trials: pliant tables {shown(out)}"
@@ -192,7 +199,7 @@ def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Conso
     if ended.faults:
         console.print(
             f"{ended.faults} of {ended.total} trials were faults, of which nothing is known: see"
-            f" above, mend the cause, and the same command with {runner.AGAIN} repeats them",
+            f" above; {runner.advice(planned)}",
             highlight=False,
             soft_wrap=True,
         )

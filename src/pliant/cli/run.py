@@ -28,9 +28,9 @@ from pliant.cli.steps import counted
 from pliant.console import Lasting, say
 from pliant.errors import InputError, PliantError, described
 from pliant.experiment import faults, journal, plan, results, runner
-from pliant.experiment.cells import WHOLE, Experiment, whole
+from pliant.experiment.cells import WHOLE, Experiment
 from pliant.experiment.measures import is_undecided, model_share
-from pliant.experiment.one import Spec, perform
+from pliant.experiment.one import Spec, perform, whole
 from pliant.experiment.rows import decided, exchanges, rows_of
 from pliant.experiment.work import attempt
 from pliant.paths import located, shown

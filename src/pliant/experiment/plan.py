@@ -23,7 +23,8 @@ from pliant import files
 from pliant.conditions import CONDITIONS, Condition, check_range, condition
 from pliant.errors import InputError, unknown, within
 from pliant.experiment import oracle
-from pliant.experiment.cells import WHOLE, Cell, Experiment, whole
+from pliant.experiment.cells import WHOLE, Cell, Experiment
+from pliant.experiment.one import whole
 from pliant.experiment.trust import Agree, Named, refuse
 from pliant.levels import FIELDS, load_level
 from pliant.methods.named import method

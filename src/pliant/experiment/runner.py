@@ -25,6 +25,7 @@ from pliant.experiment.progress import Silent, Watcher
 from pliant.experiment.rows import Rows, decided, lost
 from pliant.experiment.work import Job, Save, perform_job
 from pliant.files import write_bytes
+from pliant.own import own_file
 from pliant.paths import located
 from pliant.reasoners import refuse_silent
 
@@ -39,13 +40,14 @@ _LOOK_S = 0.5
 @dataclass(frozen=True, kw_only=True)
 class Finished:
     """The result of a call of `run`: trials in all, finished by now, before it began, and of those
-    finished the ones in which nothing was measured. Not `complete`: it was interrupted, and the
-    same call goes on."""
+    finished the ones in which nothing was measured. Not `complete`: it was `interrupted`, or trials
+    were left for later, and the same call goes on."""
 
     total: int
     done: int
     resumed: int
     faults: int
+    interrupted: bool = False
 
     @property
     def complete(self) -> bool:
@@ -149,6 +151,7 @@ def run(
             for settings in dict.fromkeys(spec.vlm for spec in missing if spec.vlm is not None):
                 refuse_silent(settings, seen.say)
         silent = _Silent(experiment, seen.say)
+        interrupted = False
         first = _First(min(ALIKE, len(experiment) - resumed))
         if resumed < len(experiment):
             try:
@@ -172,6 +175,7 @@ def run(
                         if first.are_all(fault):
                             break
             except KeyboardInterrupt as stop:
+                interrupted = True
                 seen.say("interrupted: what is finished is kept; the same command goes on")
                 for where in stop.args:
                     seen.say(str(where))
@@ -181,10 +185,27 @@ def run(
             results.write(folder, path, place.finished)
     if first.stopped:
         raise InputError(
-            f"stopped: the first {first.n} trials were all the same fault: {first.stopped}; mend"
-            f" the cause, then the same command with {AGAIN} repeats them and goes on"
+            f"stopped: the first {first.n} trials were all the same fault: {first.stopped};"
+            f" {advice(experiment)}"
         )
-    return Finished(total=len(experiment), done=place.done, resumed=resumed, faults=len(faulted))
+    return Finished(
+        total=len(experiment),
+        done=place.done,
+        resumed=resumed,
+        faults=len(faulted),
+        interrupted=interrupted,
+    )
+
+
+def advice(experiment: Experiment) -> str:
+    """What to do about faults, in words: a changed file of the user's own needs a new folder."""
+    repeats = f"the same command with {AGAIN} repeats them"
+    if any(own_file(name) for c in experiment.cells for name in (c.reasoner, c.method)):
+        return (
+            "mend the cause: with a change to a file of your own the whole experiment goes into"
+            f" another folder (--out), and without one {repeats}"
+        )
+    return f"mend the cause, and {repeats}"
 
 
 class _Silent:

@@ -357,7 +357,8 @@ def _faults_section(cells: Sequence[Document]) -> list[str]:
     return [
         "## Faults: trials in which nothing was measured",
         _table(header, rows),
-        "The command that made them repeats these and no others with `--again faults`.",
+        "The command that made them repeats these and no others with `--again faults`, as long as"
+        " your own reasoner's and method's files are as they were.",
     ]
 
 
