@@ -4,7 +4,8 @@
     python tools/paste_results.py --check    # exit 1 where a document differs
 
 The results lie in reproduce/results/, where RESULTS=reproduce/results lets the scripts write:
-`tables.json` of a run, or a Markdown table. A document names one between `<!-- NAME -->` and `<!-- /NAME -->`; nobody types such a figure.
+`tables.json` of a run, or a Markdown table. A document names one between `<!-- NAME -->` and
+`<!-- /NAME -->`; nobody types such a figure.
 """
 
 import json
