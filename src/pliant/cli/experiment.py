@@ -215,12 +215,12 @@ def _agree(named: Named, *, console: Console, trust: bool, model: ModelOptions) 
     """
     if model.replay is not None:
         named = replace(named, servers=())
+    if named.lines and not trust and not sys.stdin.isatty():
+        refuse(named)  # which names it all
     for line in named.lines:
         console.print(f"the experiment file names {line}", highlight=False, soft_wrap=True)
     if trust or not named.lines:
         return
-    if not sys.stdin.isatty():
-        refuse(named)
     if not Confirm.ask("Go on?", console=console, default=False):
         raise InputError("not begun: what the file names was not agreed to")
 
@@ -234,10 +234,10 @@ def _confirm(planned: Experiment, console: Console, yes: bool) -> None:
     cost = price.estimate(planned)
     if cost is None:
         return
+    if not yes and not sys.stdin.isatty():
+        raise InputError(f"a hosted model costs money, {cost}: add --yes to agree")
     console.print(str(cost), highlight=False, soft_wrap=True)
     if yes:
         return
-    if not sys.stdin.isatty():
-        raise InputError("a hosted model costs money: add --yes to agree")
     if not Confirm.ask("Go on?", console=console, default=False):
         raise InputError("not begun: the cost was not agreed to")
