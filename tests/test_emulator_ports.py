@@ -191,6 +191,7 @@ def test_a_name_that_leads_here_gets_no_pictures(host: str) -> None:
     ("words", "says"),
     [
         (("--host", "0.0.0.0", "--peg", "pentagon"), "unknown peg 'pentagon'"),
+        (("--host", "127.0.0.1", "--host", "127.0.0.2"), "--host is given twice"),
         (("--host", "192.0.2.1"), "host 192.0.2.1 is no address of this machine"),
     ],
 )

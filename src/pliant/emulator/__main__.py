@@ -10,7 +10,7 @@ from pliant.console import complain, say
 from pliant.emulator.emulator import Options, serve
 from pliant.errors import PliantError
 from pliant.text import replace_unshowable
-from pliant.usage import HELP, Usage, page, taken
+from pliant.usage import HELP, Usage, page, refuse_repeats, taken
 
 _PROGRAM = "python -m pliant.emulator"
 
@@ -25,6 +25,7 @@ def main() -> None:
         say(page(_PROGRAM, Options, Usage()))
         return
     try:
+        refuse_repeats(words, Options)
         options = taken(
             words, Options, lambda: tyro.cli(Options, prog=_PROGRAM, config=flags), _PROGRAM
         )
