@@ -1,9 +1,11 @@
 #!/bin/sh
 # Controls on the ladder: reproduce/ladder_controls.sh [FOLDER]. The first of its seeds: the guided skills
 # with every other way to recover, and the paper's skills with every way.
+# The rows go into runs/ladder_controls.json; RESULTS=reproduce/results makes the published ones anew.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-runs/ladder_controls}
+results=${RESULTS:-runs}
 run() {  # LEVEL NAME OPTION...
     level=$1
     name=$2
@@ -16,4 +18,5 @@ done
 for level in L1 L3; do
     run $level $level-planar --method planar --reasoners none retry sweep messages rules
 done
-.venv/bin/python reproduce/ladder.py reproduce/results/ladder_controls.json "$out"/*
+mkdir -p "$results"
+.venv/bin/python reproduce/ladder.py "$results/ladder_controls.json" "$out"/*

@@ -13,5 +13,9 @@ fi
 model=$1
 out=${2:-runs/table2-vlm}
 if [ $# -gt 1 ]; then shift 2; else shift; fi
+case " $* " in
+  *" --save "*|*" --save="*) ;;
+  *) set -- --save failures "$@" ;;
+esac
 exec .venv/bin/pliant experiment reproduce/table2_vlm.yaml --model "$model" --out "$out" \
-  --record "$out/recordings" --save failures "$@"
+  --record "$out/recordings" "$@"

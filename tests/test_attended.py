@@ -290,7 +290,7 @@ def test_a_label_may_be_given_later(tmp_path: Path, desk: Desk) -> None:
     (*_, last) = list(results.each_trials_executions(tmp_path))[1]
     assert last["truth_inserted"] is False
     assert attend(desk, tmp_path, trials=3).resumed == 3
-    with pytest.raises(InputError, match="name the folder of an experiment"):
+    with pytest.raises(InputError, match="name the result folder of"):
         labels.label(tmp_path / "trials", desk.person.label)
 
 

@@ -1,8 +1,10 @@
 """The command line: what it prints, what it writes, how it refuses, its exit status."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -38,9 +40,14 @@ def test_a_run_tells_its_story_and_leaves_a_whole_result_folder(tmp_path: Path) 
     assert (trial / "index.html").is_file()
     assert (trial / "strip.png").is_file()
     assert not (trial / "video.mp4").exists()
+    (trial / "video.mp4").write_bytes(b"a video")
     again = pliant("run", "--seed", "1", "--no-video", "--out", out)
     assert again.returncode == 0
     assert len((out / "journal.jsonl").read_text(encoding="utf-8").splitlines()) == 1
+    assert "made again" not in done.stdout
+    told = f"made again: replaces the page in '{trial}' and removes its video (--no-video)"
+    assert told in again.stdout.splitlines()
+    assert not (trial / "video.mp4").exists()
 
 
 def test_json_is_one_line_with_the_columns_of_the_trials_table(tmp_path: Path) -> None:
@@ -156,6 +163,33 @@ def test_an_experiment_ends_with_its_tables_and_resumes(tmp_path: Path) -> None:
     assert "Table II" in tables.stdout
     assert set(json.loads(pliant("tables", tmp_path / "run", "--json").stdout)) > {"cells"}
     assert pliant("tables", tmp_path).returncode == 2
+    held = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
+    single = pliant("run", "--reasoner", "none", "--no-video", "--out", tmp_path / "run")
+    assert single.returncode == 2
+    (said,) = single.stderr.splitlines()
+    assert "holds an experiment of 2 trials, whose tables a single trial would replace" in said
+    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == held
+
+
+def test_an_interrupted_experiment_says_so_on_stderr_and_exits_with_130(tmp_path: Path) -> None:
+    cell = ("--conditions", "none", "--reasoners", "none", "--trials", "500", "--workers", "1")
+    process = subprocess.Popen(
+        [PLIANT, "experiment", *cell, "--out", tmp_path / "run"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    journal = tmp_path / "run" / "journal.jsonl"
+    until = time.monotonic() + 90
+    while not (journal.exists() and journal.stat().st_size) and time.monotonic() < until:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    printed, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert printed == ""
+    assert "interrupted: what is finished is kept; the same command goes on" in said
+    assert "of 500 trials are done; the same command goes on" in said
 
 
 def test_a_broken_recording_is_refused_before_anything_is_written(tmp_path: Path) -> None:

@@ -35,6 +35,15 @@ def test_every_link_leads_to_a_file_and_a_heading_of_it(path: Path) -> None:
             assert anchor in anchors(target), f"{link}#{anchor} is no heading"
 
 
+def test_checking_a_number_leaves_the_published_results_as_they_are() -> None:
+    scripts = sorted((ROOT / "reproduce").glob("*.sh"))
+    assert len(scripts) > 10
+    for script in scripts:
+        lines = script.read_text(encoding="utf-8").splitlines()
+        done = [line for line in lines if not line.startswith("#")]
+        assert not any("reproduce/results" in line for line in done), script
+
+
 # --- commands ----------------------------------------------------------------------------------
 
 

@@ -3,6 +3,9 @@
 import asyncio
 import json
 import stat
+import subprocess
+import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +14,7 @@ from typing import Any, cast
 import pytest
 
 from pliant import tokens
+from pliant.emulator import __main__ as program
 from pliant.emulator import admin
 from pliant.emulator.camera import names_an_address
 from pliant.emulator.ports import NOT_UNDERSTOOD, Lines, Scripts, begins
@@ -181,3 +185,36 @@ def test_pictures_are_asked_for_by_an_address(host: str) -> None:
 )
 def test_a_name_that_leads_here_gets_no_pictures(host: str) -> None:
     assert not names_an_address(host)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--host", "0.0.0.0", "--peg", "pentagon"), "unknown peg 'pentagon'"),
+        (("--host", "127.0.0.1", "--host", "127.0.0.2"), "--host is given twice"),
+        (("--host", "192.0.2.1"), "host 192.0.2.1 is no address of this machine"),
+    ],
+)
+def test_what_cannot_be_served_is_one_line_without_a_warning(
+    words: tuple[str, ...], says: str
+) -> None:
+    command = [sys.executable, "-m", "pliant.emulator", *words]
+    said = subprocess.run(command, capture_output=True, encoding="utf-8")
+    assert said.returncode == 2
+    (error,) = said.stderr.splitlines()
+    assert error.startswith(f"pliant.emulator: {says}")
+
+
+def test_an_address_that_others_reach_is_warned_of_once_it_is_served(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def ready(options: object, say: Callable[[str], None]) -> None:
+        say("ready")
+
+    monkeypatch.setattr(program, "serve", ready)
+    for host, warnings in (("0.0.0.0", 1), ("127.0.0.1", 0)):
+        monkeypatch.setattr(sys, "argv", ["pliant.emulator", "--host", host])
+        program.main()
+        printed, said = capsys.readouterr()
+        assert printed == "ready\n"
+        assert said.count(f"warning: {host} can be reached from other machines") == warnings

@@ -352,16 +352,6 @@ def test_a_taken_port_is_one_line(emulator: Admin) -> None:
         raise AssertionError("it started")
 
 
-def test_other_addresses_than_loopback_are_warned_of(tmp_path: Path) -> None:
-    """Nothing is served: the peg is unknown."""
-    command = [sys.executable, "-m", "pliant.emulator", "--host", "0.0.0.0", "--peg", "pentagon"]
-    said = subprocess.run(command, capture_output=True, encoding="utf-8")
-    assert said.returncode == 2
-    warning, error = said.stderr.splitlines()
-    assert warning.startswith("warning: 0.0.0.0 can be reached from other machines")
-    assert error.startswith("pliant.emulator: unknown peg 'pentagon'")
-
-
 def test_an_emulator_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
     """Its parent is killed, and so cannot say goodbye."""
     code = (

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+import pliant
 from pliant.errors import InputError
 from pliant.experiment import runner
 from pliant.experiment.cells import Experiment, differences
@@ -117,6 +118,32 @@ def test_what_cannot_be_used_is_refused_in_one_line(fields: dict[str, Any], mess
         from_fields(fields)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"seed": -1}, "seed is -1: it must be a whole number from 0 to"),
+        ({"seed": "x"}, "seed is 'x': it must be a whole number"),
+        ({"seed": True}, "seed is True"),
+        ({"seed": 1.5}, "seed is 1.5"),
+        ({"peg": 3}, "peg is 3: it must be a name"),
+        ({"level": None}, "level is None: it must be a name"),
+        ({"reasoner": ["rules"]}, "reasoner is ['rules']: it must be a name"),
+        ({"method": 3}, "method is 3: it must be a name"),
+    ],
+)
+def test_a_trial_from_python_refuses_what_it_cannot_use_in_one_line(
+    given: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        pliant.run(**given)
+    assert str(refused.value).startswith(message)
+
+
+def test_a_comparison_from_python_refuses_what_is_no_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="peg is 3: it must be a name"):
+        pliant.compare(pegs=3, out=tmp_path / "out")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("text", ["- a list", "a: [1", "", "!!python/object/apply:os.getcwd []"])

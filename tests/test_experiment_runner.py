@@ -231,6 +231,27 @@ def test_first_trials_that_are_all_the_same_fault_end_the_run(tmp_path: Path) ->
         run(experiment(1, reasoners=["rules"]), tmp_path / "one" / "broken", work=faulting)
 
 
+def test_what_is_advised_about_faults_works_also_with_a_reasoner_of_ones_own(
+    tmp_path: Path,
+) -> None:
+    mine = tmp_path / "mine.py"
+    text = "from pliant.reasoners.rules import Rules\n\n\nclass Mine(Rules):\n    pass\n"
+    mine.write_text(text, encoding="utf-8")
+
+    def performed(name: str, *, own: bool, again: bool = False) -> None:
+        who = [f"{mine}:Mine"] if own else ["rules"]
+        run(experiment(2, reasoners=who), tmp_path / name, workers=1, work=faulting, again=again)
+
+    with pytest.raises(InputError, match="; mend the cause, and the same command with --again"):
+        performed("rules/broken", own=False)
+    with pytest.raises(InputError, match=r"a change to a file of your own .* another folder"):
+        performed("mine/broken", own=True)
+    mine.write_text(f"{text}# mended\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"the file of reasoner 'mine\.py:Mine' differ"):
+        performed("mine/broken", own=True, again=True)
+    performed("another", own=True)
+
+
 def test_a_resumed_run_names_its_faults_and_repeats_them_and_no_others_when_told(
     tmp_path: Path,
 ) -> None:
@@ -256,6 +277,27 @@ def test_a_resumed_run_names_its_faults_and_repeats_them_and_no_others_when_told
     assert "3 of 3 trials, 1 inserted, 2 faults" in said
     assert "2 faults among them: --again faults repeats such trials" in said
     assert "fault:error: ZeroDivisionError: seed 1 (" in said
+
+
+def test_finished_trials_whose_record_was_not_kept_are_counted_when_it_is_asked_for(
+    tmp_path: Path,
+) -> None:
+    plan = experiment(8, reasoners=["rules"])  # seeds 4 and 8 are not inserted
+    run(plan, tmp_path, workers=1, work=quick)
+
+    def said(save: Save) -> str:
+        console = Console(record=True, width=200, file=StringIO())
+        run(plan, tmp_path, workers=1, work=quick, save=save, watcher=Shown(plan, console))
+        return console.export_text()
+
+    assert "8 finished trials have no record, which --save all keeps only of" in said(Save.ALL)
+    assert "2 finished trials have no record, which --save fail" in said(Save.FAILURES)
+    assert "no record" not in said(Save.NONE)
+    for spec in plan.specs():
+        kept = store.trial_folder(tmp_path, spec.trial_id)
+        kept.mkdir(parents=True)
+        (kept / store.TRIAL).touch()
+    assert "no record" not in said(Save.ALL)
 
 
 def test_what_the_workers_cannot_do_at_all_is_said_before_the_first_trial(tmp_path: Path) -> None:

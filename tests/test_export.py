@@ -86,6 +86,8 @@ def test_an_unknown_trial_is_refused_and_a_known_one_is_taken_alone(
     assert len(source.saved) == 3
     with pytest.raises(InputError, match="no record of a trial 'x'"):
         open_run(folder, "x")
+    with pytest.raises(InputError, match="'x'"):
+        open_run(folder, FAILED, "x")
     assert open_run(folder, FAILED).one().trial_id == FAILED
     with pytest.raises(InputError, match=f"--trial {RECOVERED}"):
         source.one()

@@ -45,7 +45,7 @@ def test_a_folder_is_read_again_and_grows_by_the_same_call(results: "pliant.Resu
 
 
 def test_a_folder_without_results_is_said_at_the_first_look(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="does not exist: name the folder of a finished"):
+    with pytest.raises(InputError, match="holds no results of pliant: name the result folder"):
         len(pliant.Results(tmp_path))
 
 

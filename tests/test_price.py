@@ -1,9 +1,12 @@
 """The price of a hosted model is estimated before anything is spent."""
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pliant.cli import main
 from pliant.experiment.plan import from_fields
 from pliant.experiment.price import Estimate, estimate
 
@@ -56,3 +59,19 @@ def test_what_is_not_known_is_not_guessed() -> None:
 def test_rules_and_a_server_of_one_s_own_cost_nothing() -> None:
     assert cost("rules") is None
     assert cost(base_url="http://localhost:8000/v1") is None
+
+
+def test_where_nobody_can_be_asked_the_price_stands_in_the_one_line_that_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OPENAI_API_KEY", "none")
+    words = ["experiment", "--reasoners", "vlm", "--model", "openai:gpt-4o"]
+    monkeypatch.setattr(sys, "argv", ["pliant", *words])
+    with pytest.raises(SystemExit):
+        main()
+    printed, said = capsys.readouterr()
+    assert printed == ""
+    assert len(said.splitlines()) == 1
+    assert said.startswith("pliant: a hosted model costs money, 30 trials ask a model about ")
+    assert said.rstrip().endswith(" USD: add --yes to agree")

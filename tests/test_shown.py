@@ -3,6 +3,7 @@
 What must come of each stands in `shown.py`, page by page; a new block needs a line there.
 """
 
+import itertools
 import os
 import re
 import runpy
@@ -67,6 +68,19 @@ def test_a_block_that_does_not_do_what_it_is_shown_for_is_noticed(on: "Shell") -
         )
 
 
+def lessened(code: str, less: str) -> str:
+    """A command with other options, each in the place of the one that it has already."""
+    words, added = shlex.split(code), shlex.split(less)
+    if words[0] != "pliant":
+        return f"{code} {less}"
+    for option in (word for word in added if word.startswith("--")):
+        if option in words:
+            start = words.index(option)
+            values = itertools.takewhile(lambda w: not w.startswith("--"), words[start + 1 :])
+            del words[start : start + 1 + len([*values])]
+    return shlex.join([*words, *added])
+
+
 class Shell:
     """A reader at an empty folder, who copies what a page shows."""
 
@@ -98,7 +112,7 @@ class Shell:
         names: dict[str, object] = {}
         file = self.folder / (block.name if block.is_file else f"shown.{block.language}")
         if not block.language:
-            status = self._command(f"{block.code} {outcome.less}")
+            status = self._command(lessened(block.code, outcome.less))
         else:
             if not block.is_file:
                 file.write_text(block.code, encoding="utf-8")

@@ -91,11 +91,34 @@ def test_reasoners_are_compared_on_the_seeds_they_share(folder: Path) -> None:
     cell, pooled = tables.build(folder)["pairs"]
     assert (cell["first"], cell["second"], cell["condition"]) == ("none", "rules", "all")
     assert (cell["only_first"], cell["only_second"], cell["n"]) == (0, 5, 8)
-    assert cell["difference"] == -62.5
+    assert cell["difference"] == -62.5  # the rules are listed first
     assert cell["low"] < -62.5 < cell["high"] < 0
     assert cell["p"] == 2 / 2**5
     assert pooled["peg"] is None
     assert pooled["n"] == 8
+
+
+def test_every_two_reasoners_are_compared_in_every_cell_and_the_later_is_named_first(
+    tmp_path: Path,
+) -> None:
+    names = ("none", "rules", "mine")  # as listed
+    rows = [
+        made(seed, seed <= 2 or name != "none", reasoner=name, peg=peg)
+        for peg in ("circle", "square")
+        for name in names
+        for seed in range(1, 5)
+    ]
+    results.write_rows(tmp_path, rows)
+    text = markdown(tables.build(tmp_path))
+    table = text.partition("## Reasoner against reasoner")[2].partition("\n## ")[0]
+    named = [
+        [c.strip() for c in line.split("|")[1:3]] for line in table.splitlines() if " − " in line
+    ]
+    two = ["rules − none", "mine − none", "mine − rules"]
+    assert named[1:] == [[pair, peg] for peg in ("all", "circle", "square") for pair in two]
+    assert "| rules − none | all | all | 8 | +50.0 [" in table
+    assert "positive where the one named first inserts more" in table
+    assert "The rows of all pool pegs and conditions, which share their seeds" in table
 
 
 def test_table_iii_counts_the_first_step_of_each_plan(folder: Path) -> None:
@@ -290,8 +313,12 @@ def test_a_run_of_nothing_but_successes_still_has_all_its_tables(tmp_path: Path)
 
 
 def test_what_is_no_finished_run_is_refused_with_what_to_do(tmp_path: Path, folder: Path) -> None:
-    with pytest.raises(InputError, match="finish it with the command that began it"):
+    with pytest.raises(InputError, match="absent' does not exist: name the result folder"):
         tables.build(tmp_path / "absent")
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / "run.json").touch()
+    with pytest.raises(InputError, match="not finished: finish it with the command that began it"):
+        tables.build(tmp_path / "begun")
     (folder / "executions.parquet").write_bytes(b"PAR1 no")
     with pytest.raises(InputError, match="is broken"):
         tables.build(folder)

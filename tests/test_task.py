@@ -117,7 +117,17 @@ def test_a_missing_peg_file_is_named() -> None:
         ("shape: circle\ndiameter_mm: 40\nclearance_mm: 0", "clearance 0 mm: it must be 0.1 to"),
         ("shape: circle\ndiameter_mm: 40\nclearance_mm: 0.09", "clearance 0.09 mm"),
         ("shape: circle\ndiameter_mm: 40\nchamfer_mm: -1", "line 3: hole chamfer -1 mm"),
-        ("shape: circle\ndiameter_mm: 86", "radius 43 mm; it must be 1 to 42.5 mm"),
+        (
+            "shape: circle\ndiameter_mm: 86",
+            "line 2: peg 'mine': radius 43 mm; it must be 1 to 42.5",
+        ),
+        ("shape: circle\ndiameter_mm: 0.04", "is diameter_mm in metres? Write millimetres"),
+        ("shape: circle\ndiameter_mm: 40\nlength_mm: 0.08", "; is length_mm in metres? Write mill"),
+        (
+            "shape: polygon\ncorners_mm: [[-0.02, -0.02], [0.02, -0.02], [0, 0.02]]",
+            "; is corners_mm in metres?",
+        ),
+        ("shape: rectangle\nsize_x_mm: 20\nsize_y_mm: 95", "line 3: peg 'mine': 95 mm along y"),
         ("shape: rectangle\nsize_x_mm: 100\nsize_y_mm: 40", "102 mm wide; the block leaves room"),
         ("shape: rectangle\nsize_x_mm: 40\nsize_y_mm: 86", "it must be 2 to 85 mm, which the"),
         ("shape: rectangle\nsize_x_mm: 20\nsize_y_mm: 130", "130 mm along y"),

@@ -286,7 +286,7 @@ def test_a_row_that_is_the_rules_bears_their_name_in_every_table(tmp_path: Path)
     text = markdown(tables.build(tmp_path))
     assert "| circle | none | rules (for vlm (small)) | 1 |" in text
     assert "| vlm" not in text
-    assert "rules (for vlm) − rules (for same)" in text
+    assert "rules (for same) − rules (for vlm)" in text
     assert "rules (for …): the model that was asked decided nothing" in text
 
 

@@ -39,10 +39,22 @@ WRONG = {
     "run --method guided-eaze": "did you mean 'ease'",
     "run --seed x": "--seed is 'x': it must be a whole number",
     "run --seed 1.5": "--seed is '1.5': it must be a whole number",
-    "run --seed -1": "first_seed is -1",
+    "run --seed -1": "--seed is -1: it must be a whole number from 0",
     "run --hole-y-mm 3": "--hole-y-mm takes two values: the least and the most",
     "run --hole-y-mm a b": "--hole-y-mm takes two values",
-    "run --hole-y-mm 9 3": "hole_y from 9 mm to 3 mm",
+    "run --hole-y-mm 9 3": "pliant: --hole-y-mm from 9 mm to 3 mm cannot be; it must lie",
+    "experiment --grasp-roll-deg 0 90": "pliant: --grasp-roll-deg from 0 deg to 90 deg cannot be",
+    "experiment mine.yaml --friction 1 2": "--friction is drawn in place of a condition's",
+    "bench-reasoner rules coin rules": "reasoner 'rules' is given twice",
+    "experiment --reasoners rules rules": "reasoner 'rules' is given twice: give it once",
+    "experiment --pegs circle square circle": "peg 'circle' is given twice",
+    "experiment --conditions all all --friction 1 2": "condition 'all-own' is given twice",
+    "experiment --first-seed -1": "--first-seed is -1",
+    "run --peg=": "unknown peg '': valid are circle",
+    "run --condition=": "unknown condition ''",
+    "run --reasoner=": "unknown reasoner ''",
+    "run --method=": "unknown method ''",
+    "run --dry-run --air": "--dry-run and --air are two ways to rehearse: leave one of them out",
     "run --effort extreme": "--effort is 'extreme': it must be low or medium or high",
     "run --effort hihg": "did you mean 'high'",
     "run --preset papr": "did you mean 'paper'",
@@ -57,12 +69,22 @@ WRONG = {
     "experiment --trials many": "--trials is 'many': it must be a whole number",
     "experiment --pegs circle sqare": "did you mean 'square'",
     "experiment --save some": "it must be failures or all or none",
+    "experiment --again faults": "holds no experiment, so there is nothing to repeat: leave",
+    "experiment --pegs circle --pegs square": "--pegs is given twice: write all values behind one",
+    "run --seed 1 --seed 2": "--seed is given twice: leave one out",
+    "run --seed=1 --seed 1": "--seed is given twice",
+    "run --video --no-video": "--video is given twice",
+    "run --hole-y-mm 1 2 --hole_y_mm 3 4": "--hole-y-mm is given twice",
+    "run --preset paper --preset paper": "--preset is given twice",
+    "export X --trial A --trial B --lerobot y": "--trial is given twice: write all values behind",
+    "export X --trial --lerobot y": "--trial takes one trial_id or several",
     "experiment --again everything": "--again is 'everything'",
     "experiment --workers 0": "workers is 0",
     "experiment --time-limit-s -3": "time limit",
-    "view nowhere": "nowhere",
+    "view nowhere": "'nowhere' does not exist: name the result folder",
+    "tables nowhere": "'nowhere' does not exist: name the result folder",
     "view nowhere --port": "--port takes a value",
-    "export nowhere --lerobot data": "nowhere",
+    "export nowhere --lerobot data": "'nowhere' does not exist: name the result folder",
     "export nowhere": "give --lerobot",
     "export --lerobto data nowhere": "did you mean '--lerobot'",
     "bench-reasoner ruless": "did you mean 'rules'",
@@ -91,6 +113,54 @@ def test_a_wrong_command_line_is_answered_in_one_line(
     assert said.startswith("pliant: ")
     assert answer in said
     assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("held", [(), ("note.txt",)], ids=["nothing", "a note"])
+@pytest.mark.parametrize("line", ["view {}", "tables {}", "export {} --lerobot data"])
+def test_a_folder_that_pliant_did_not_write_is_refused_in_the_same_words_everywhere(
+    line: str,
+    held: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in held:
+        (tmp_path / name).touch()
+    monkeypatch.setattr(sys, "argv", ["pliant", *line.format(tmp_path).split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert f"'{tmp_path}' holds no results of pliant: name the result folder of" in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == [*held]
+
+
+@pytest.mark.parametrize("command", ["run", "experiment"])
+def test_a_file_of_ones_own_that_is_no_python_is_named_with_its_line_and_no_other(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "own.py").write_text("\nclass Mine\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["pliant", command, "--cell", "own.py:Mine"])
+    with pytest.raises(SystemExit):
+        main()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.endswith("cannot be made: SyntaxError: expected ':' (own.py:2)")
+
+
+def test_an_option_beside_a_preset_that_has_it_too_is_no_repeat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["run", "--preset", "paper", "--plan", "bounded", "--judge", "rules", "--peg", "x"]
+    monkeypatch.setattr(sys, "argv", ["pliant", *words])
+    with pytest.raises(SystemExit):
+        main()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("pliant: unknown peg 'x'")
 
 
 def test_a_class_that_a_file_does_not_have_is_answered_with_those_it_has(

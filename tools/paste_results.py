@@ -3,8 +3,9 @@
     python tools/paste_results.py            # after reproduce/*.sh and copying tables.json here
     python tools/paste_results.py --check    # exit 1 where a document differs
 
-The results lie in reproduce/results/: `tables.json` of a run, or a Markdown table. A document names
-one between `<!-- NAME -->` and `<!-- /NAME -->`; nobody types such a figure.
+The results lie in reproduce/results/, where RESULTS=reproduce/results lets the scripts write:
+`tables.json` of a run, or a Markdown table. A document names one between `<!-- NAME -->` and
+`<!-- /NAME -->`; nobody types such a figure.
 """
 
 import json

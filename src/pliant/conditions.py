@@ -129,6 +129,20 @@ def in_words(quantity: str, value: float) -> str:
     return f"{axis.to_report(value):g} {axis.report_unit}"
 
 
+def check_range(what: str, quantity: str, low: float, high: float) -> None:
+    """See that a quantity can be drawn from a range [m, rad, s, 1], which messages call `what`.
+
+    Raises:
+        InputError: it is out of order, or cannot be simulated.
+    """
+    least, most = QUANTITIES[quantity].valid
+    if not least <= low <= high <= most:
+        raise InputError(
+            f"{what} from {in_words(quantity, low)} to {in_words(quantity, high)} cannot be; it"
+            f" must lie in order within {in_words(quantity, least)} to {in_words(quantity, most)}"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Setup:
     """The actual value in one trial of every quantity of QUANTITIES [m, rad, s, 1]. Ground truth:
@@ -207,13 +221,7 @@ class Condition:
         for name, (low, high) in (item for ranges in all_ranges for item in ranges.items()):
             if name not in QUANTITIES:
                 raise unknown("quantity", name, QUANTITIES)
-            least, most = QUANTITIES[name].valid
-            if not least <= low <= high <= most:
-                raise InputError(
-                    f"condition '{self.name}': {name} from {in_words(name, low)} to"
-                    f" {in_words(name, high)} cannot be; it must lie in order within"
-                    f" {in_words(name, least)} to {in_words(name, most)}"
-                )
+            check_range(f"condition '{self.name}': {name}", name, low, high)
 
     def draw(self, seed: int) -> Setup:
         """The trial's setup. Every quantity has a stream of its own, so that a seed means the same

@@ -92,6 +92,8 @@ def users_frames(error: BaseException) -> list[traceback.FrameSummary]:
 def described(error: BaseException) -> str:
     """An exception in one line: its type, its message, and the last line of the user's own code
     that it passed; without such, the last line of all."""
+    if isinstance(error, SyntaxError) and error.filename is not None:  # it passed through no code
+        return f"{type(error).__name__}: {error.msg} ({line_of(error.filename, error.lineno)})"
     message = " ".join(str(error).split())
     frames = users_frames(error) or list(traceback.extract_tb(error.__traceback__))
     text = type(error).__name__ + (f": {message}" if message else "")

@@ -2,16 +2,17 @@
 
 import math
 import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
 from pliant import files
-from pliant.errors import InputError, unknown
+from pliant.errors import InputError, unknown, within
 from pliant.files import Fields
 from pliant.levels import Level, load_level
 from pliant.paths import located
@@ -52,32 +53,37 @@ class Peg:
         if (self.radius is None) == (not self.outline):
             raise InputError(f"peg '{self.name}': give either a radius or an outline")
         if self.radius is not None and not 0.001 <= self.radius <= _WIDEST[1] / 2:
-            raise InputError(
-                f"peg '{self.name}': radius {self.radius * 1e3:g} mm; it must be 1 to"
-                f" {_WIDEST[1] / 2 * 1e3:g} mm, which the fingers open to"
-            )
+            with within("radius"):
+                raise InputError(
+                    f"peg '{self.name}': radius {self.radius * 1e3:g} mm; it must be 1 to"
+                    f" {_WIDEST[1] / 2 * 1e3:g} mm, which the fingers open to"
+                )
         if not LENGTHS_MM[0] * 1e-3 <= self.length <= LENGTHS_MM[1] * 1e-3:
-            raise InputError(
-                f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be"
-                f" {LENGTHS_MM[0]} to {LENGTHS_MM[1]} mm"
-            )
+            with within("length"):
+                raise InputError(
+                    f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be"
+                    f" {LENGTHS_MM[0]} to {LENGTHS_MM[1]} mm"
+                )
         if self.outline and (fault := _fault(self.outline)):
-            raise InputError(f"peg '{self.name}': {fault}")
+            with within("outline"):
+                raise InputError(f"peg '{self.name}': {fault}")
         for axis, half, most in zip("xy", self.half_extents, _WIDEST, strict=True):
             if not 0.002 <= 2 * half <= most:
                 fingers = ", which the fingers open to" if axis == "y" else ""
-                raise InputError(
-                    f"peg '{self.name}': {2e3 * half:g} mm along {axis}; it must be 2 to"
-                    f" {1e3 * most:g} mm{fingers}"
-                )
+                with within(axis):
+                    raise InputError(
+                        f"peg '{self.name}': {2e3 * half:g} mm along {axis}; it must be 2 to"
+                        f" {1e3 * most:g} mm{fingers}"
+                    )
         if self.outline:
             ys = [1e3 * y for _, y in self.outline]
             if abs(min(ys) + max(ys)) > _CENTRED_MM:
-                raise InputError(
-                    f"peg '{self.name}': its corners lie from {min(ys):g} to {max(ys):g} mm along"
-                    " y; the fingers close evenly around the axis: add"
-                    f" {-(min(ys) + max(ys)) / 2:g} mm to every y"
-                )
+                with within("outline"):
+                    raise InputError(
+                        f"peg '{self.name}': its corners lie from {min(ys):g} to {max(ys):g} mm"
+                        " along y; the fingers close evenly around the axis: add"
+                        f" {-(min(ys) + max(ys)) / 2:g} mm to every y"
+                    )
 
     def grown(self, margin: float) -> Outline:
         """The polygon's corners with every edge moved outward by `margin` [m]."""
@@ -218,11 +224,12 @@ class Task:
     def __post_init__(self) -> None:
         least = self.depth + _FINGERS_BELOW_GRASP + self.peg_top_above_grasp
         if self.peg.length < least:
-            raise InputError(
-                f"peg '{self.peg.name}': length {self.peg.length * 1e3:g} mm; to go in by"
-                f" {self.depth * 1e3:g} mm before the fingers reach the board it must be at least"
-                f" {least * 1e3:g} mm"
-            )
+            with within("length"):
+                raise InputError(
+                    f"peg '{self.peg.name}': length {self.peg.length * 1e3:g} mm; to go in by"
+                    f" {self.depth * 1e3:g} mm before the fingers reach the board it must be at"
+                    f" least {least * 1e3:g} mm"
+                )
         margin = self.hole.clearance / 2 + self.hole.chamfer
         grown = self.peg.grown(margin)
         if grown and (closed := _reversed_edge(self.peg.outline, grown)):
@@ -352,15 +359,50 @@ def _shipped_peg(name: str) -> Task:
     return _peg_task(files.parse_yaml(content, f"peg file '{name}'"), name)
 
 
+_WRITTEN = {
+    "radius": ("diameter_mm",),
+    "length": ("length_mm",),
+    "outline": ("corners_mm", "size_x_mm"),
+    "x": ("size_x_mm", "corners_mm", "diameter_mm"),
+    "y": ("size_y_mm", "corners_mm", "diameter_mm"),
+}
+"""The fields of a peg file that may say what a message of `Peg` or `Task` is about."""
+_LEAST_WRITTEN_MM = 0.5  # a size whose numbers are all smaller was meant in metres
+
+
 def _peg_task(document: files.Document, name: str) -> Task:
-    document.fields()
-    found = files.checked(document, _SHAPES)
-    with document.at(("clearance_mm",)):
-        hole = Hole(clearance=found.clearance_mm * 1e-3)
-    with document.at(("chamfer_mm",)):
-        hole = replace(hole, chamfer=found.chamfer_mm * 1e-3)
-    with document.at(("shape",)):
-        return Task(peg=found.peg(name, found.length_mm * 1e-3), hole=hole)
+    fields_given = document.fields()
+    try:
+        found = files.checked(document, _SHAPES)
+        with document.at(("clearance_mm",)):
+            hole = Hole(clearance=found.clearance_mm * 1e-3)
+        with document.at(("chamfer_mm",)):
+            hole = replace(hole, chamfer=found.chamfer_mm * 1e-3)
+        try:
+            return Task(peg=found.peg(name, found.length_mm * 1e-3), hole=hole)
+        except InputError as error:
+            names = _WRITTEN.get(str(error.place[0]), ()) if error.place else ()
+            place = next((n for n in names if n in fields_given), "shape")
+            raise document.error((place,), str(error)) from error
+    except InputError as error:
+        raise InputError(f"{error}{_metres(fields_given)}") from error
+
+
+def _metres(fields_given: Mapping[str, Any]) -> str:
+    """The question whether metres were meant, where a size is far below a millimetre; else ""."""
+    for name in ("length_mm", "diameter_mm", "size_x_mm", "size_y_mm", "corners_mm"):
+        numbers = [abs(n) for n in _numbers(fields_given.get(name))]
+        if 0 < max(numbers, default=0) < _LEAST_WRITTEN_MM:
+            return f"; is {name} in metres? Write millimetres"
+    return ""
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, list):
+        for item in value:
+            yield from _numbers(item)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield value
 
 
 # --- polygons ------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from pliant.errors import InputError, did_you_mean
 
 HELP = ("-h", "--help")
 _WIDTHS = (60, 100)  # [columns] of a page, least and most
-_NAMES = 22  # [columns] that the options' names take
+_NAMES = 20  # [columns] that the options' names take
 _WORDS: Mapping[Any, str] = {str: "NAME", int: "N", float: "X", Path: "PATH"}
 _FRAME, _RULE = " │|", re.compile(r"[╰+]?[─-]{5,}[╯+]?")  # of tyro's boxes, also in ASCII
 T = TypeVar("T")
@@ -91,7 +91,7 @@ def page(name: str, command: Callable[..., Any], usage: Usage) -> str:
     known = options(command)
     places = [option.written for option in known if option.is_positional]
     lines = [" ".join(["usage:", name, *places, "[options]"])]
-    lines += ["", *textwrap.wrap(_summary(command), width), ""]
+    lines += [*textwrap.wrap(_summary(command), width), ""]
     wide = max((len(line) for line, _ in usage.examples), default=0)
     lines += [*(f"  {line:<{wide}}  # {said}" for line, said in usage.examples), ""]
     titled = {option: title for title, names in usage.groups.items() for option in names}
@@ -129,6 +129,31 @@ def taken(words: Sequence[str], command: Callable[..., T], parse: Callable[[], T
         if not ended.code:
             raise
         raise InputError(f"{in_a_line(said.getvalue(), known)} ({prog} --help)") from None
+
+
+def refuse_repeats(words: Sequence[str], command: Callable[..., Any]) -> None:
+    """See that a command line, as it was written, gives no option twice: the last alone would
+    count, and nobody would say so.
+
+    Raises:
+        InputError: an option is given twice, in any of its spellings.
+    """
+    names = {spelling: o for o in options(command) for spelling in o.spellings}
+    seen: set[str] = set()
+    for word in words:
+        if word == "--":
+            return
+        option = names.get(word.partition("=")[0].replace("_", "-"))
+        if option is None:
+            continue
+        if option.name in seen:
+            several = (
+                f"write all values behind one --{option.name}"
+                if option.values.endswith("...")
+                else "leave one out, since only one can count"
+            )
+            raise InputError(f"--{option.name} is given twice: {several}")
+        seen.add(option.name)
 
 
 def in_a_line(box: str, known: Sequence[Option]) -> str:

@@ -28,7 +28,7 @@ from pliant.console import complain, say
 from pliant.errors import PliantError, unknown
 from pliant.paths import current_folder, shortened
 from pliant.text import replace_unshowable
-from pliant.usage import HELP, Usage, page, taken
+from pliant.usage import HELP, Usage, page, refuse_repeats, taken
 
 _DESCRIPTION = "Robust and resilient object insertion with a soft robotic wrist."
 _BEYOND = (
@@ -133,7 +133,10 @@ def _called() -> None:
             say(f"pliant {version('pliant')}")
             return
         current_folder()  # what is started from one that is gone fails somewhere deep
-        sys.exit(parsed(with_preset([_expanded(word) for word in sys.argv[1:]]))())
+        words = [_expanded(word) for word in sys.argv[1:]]
+        if words and words[0] in COMMANDS and not any(word in HELP for word in words):
+            refuse_repeats(words, COMMANDS[words[0]][0])  # a preset's options are no repeats
+        sys.exit(parsed(with_preset(words))())
     finally:  # what cannot be shown is found out here, and not as the program ends
         sys.stdout.flush()
 

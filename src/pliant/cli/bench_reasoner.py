@@ -81,6 +81,8 @@ def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
         raise InputError("--probes: nothing moves here, so that nobody can probe; leave it out")
     makers: dict[str, Make] = {}
     for name in map(located_own, names):
+        if [*map(located_own, names)].count(name) > 1:
+            raise InputError(f"reasoner '{short_name(name)}' is given twice: give it once")
         if name == VLM:
             vlm(model.vlm, replay=_recording(model.replay, "0001"))
             makers[f"{VLM} ({model.vlm.model})" if model.vlm.model else VLM] = _vlm_for(model)

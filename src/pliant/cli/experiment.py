@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from rich.prompt import Confirm
 
+from pliant import signals
 from pliant.cli.attended import attended
 from pliant.cli.cells import where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
@@ -18,8 +19,9 @@ from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import growth, plan, price, runner
-from pliant.experiment.cells import Experiment
+from pliant.experiment.cells import WHOLE, Experiment
 from pliant.experiment.measures import is_undecided
+from pliant.experiment.one import whole
 from pliant.experiment.progress import Shown
 from pliant.experiment.tables_text import markdown
 from pliant.experiment.trust import Named, refuse
@@ -66,7 +68,7 @@ def experiment(
             (path/to/file.py:Class).
         trials: per cell; default 30.
         first_seed: default 1; seeds pair across cells.
-        level: the rung of the ladder, L0 to L8, or a scenario such as wrong_peg; L0 is the
+        level: the rung of the ladder, L0 to L9, or a scenario such as wrong_peg; L0 is the
             paper's grid.
         method: planar (the paper's), guided, also without some of its mechanisms (guided-ease), or
             your own (path/to/file.py:Class); default the level's.
@@ -86,7 +88,17 @@ def experiment(
         ranges: ranges in place of the conditions' own.
         model: the model behind the reasoner vlm.
     """
-    out, model, console = located(out), model.placed(), Console()
+    for name, number in (("trials", trials), ("first_seed", first_seed)):
+        if number is not None:
+            whole(f"--{name.replace('_', '-')}", number, *WHOLE[name])
+    if conditions is None and (option := ranges.first_given) is not None:
+        if file is not None:
+            raise InputError(
+                f"{option} is drawn in place of a condition's own range: give --conditions beside"
+                " it, or write the range into the file"
+            )
+        conditions = ("all",)
+    out, model, console = located(out), model.placed(), Console(stderr=True)
     given = {
         "pegs": pegs,
         "conditions": conditions and [ranges.applied_to(name) for name in conditions],
@@ -128,7 +140,10 @@ def experiment(
             ray=ray,
             save=save,
             time_limit_s=time_limit_s,
-            watcher=Shown(planned, console if is_simulated else Console(force_terminal=False)),
+            watcher=Shown(
+                planned,
+                console if is_simulated else Console(stderr=True, force_terminal=False),
+            ),
             record=model.record,
             replay=model.replay,
             engine=engine,
@@ -151,16 +166,18 @@ def _watched(planned: Experiment, out: Path, console: Console) -> "Watched":
 
 
 def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Console) -> int:
-    """Say how the run ended, with its tables; return the command's status."""
+    """Say how the run ended, and print its tables on standard output; return the command's
+    status."""
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
-        return 1
+        return signals.exit_status() if ended.interrupted else 1
     larger = growth.planned(runner.held(out)) > len(planned)
     part = {spec.trial_id for spec in planned.specs()} if larger else None
     document = made_of(out, part)
     text = markdown(document)
-    console.print(text, highlight=False, soft_wrap=True)
-    console.print(f"results: {shown(out)}", highlight=False)
+    printed = Console(highlight=False, soft_wrap=True)
+    printed.print(text)
+    printed.print(f"results: {shown(out)}")
     if larger:
         console.print(
             f"the folder holds more than these {len(planned)} trials: pliant tables {shown(out)}"
@@ -182,7 +199,7 @@ def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Conso
     if ended.faults:
         console.print(
             f"{ended.faults} of {ended.total} trials were faults, of which nothing is known: see"
-            f" above, mend the cause, and the same command with {runner.AGAIN} repeats them",
+            f" above; {runner.advice(planned)}",
             highlight=False,
             soft_wrap=True,
         )
@@ -198,12 +215,12 @@ def _agree(named: Named, *, console: Console, trust: bool, model: ModelOptions) 
     """
     if model.replay is not None:
         named = replace(named, servers=())
+    if named.lines and not trust and not sys.stdin.isatty():
+        refuse(named)  # which names it all
     for line in named.lines:
         console.print(f"the experiment file names {line}", highlight=False, soft_wrap=True)
     if trust or not named.lines:
         return
-    if not sys.stdin.isatty():
-        refuse(named)
     if not Confirm.ask("Go on?", console=console, default=False):
         raise InputError("not begun: what the file names was not agreed to")
 
@@ -217,10 +234,10 @@ def _confirm(planned: Experiment, console: Console, yes: bool) -> None:
     cost = price.estimate(planned)
     if cost is None:
         return
+    if not yes and not sys.stdin.isatty():
+        raise InputError(f"a hosted model costs money, {cost}: add --yes to agree")
     console.print(str(cost), highlight=False, soft_wrap=True)
     if yes:
         return
-    if not sys.stdin.isatty():
-        raise InputError("a hosted model costs money: add --yes to agree")
     if not Confirm.ask("Go on?", console=console, default=False):
         raise InputError("not begun: the cost was not agreed to")

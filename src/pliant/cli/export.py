@@ -19,7 +19,7 @@ def export(
     failure_qa_out: Annotated[Path | None, tyro.conf.arg(name="failure-qa")] = None,
     chat_out: Annotated[Path | None, tyro.conf.arg(name="chat")] = None,
     rerun_out: Annotated[Path | None, tyro.conf.arg(name="rerun")] = None,
-    trial: str | None = None,
+    trial: tuple[str, ...] | None = None,
     fps: int = 10,
     cameras: tuple[str, ...] = ("side",),
     workers: int | None = None,
@@ -34,7 +34,7 @@ def export(
         chat_out: a new folder for conversations to tune a vision-language model on: what it would
             be told and shown, and what was right to answer.
         rerun_out: a new file (.rrd) for Rerun's viewer, of one trial.
-        trial: this trial only, by its trial_id; Rerun needs one where the run has several.
+        trial: these trials only, by their trial_id; Rerun needs one where the run has several.
         fps: frames a second of the LeRobot data set and of Rerun's timeline, 1 to 25.
         cameras: side, wide or both, for the LeRobot data set.
         workers: processes that draw the LeRobot data set; default one per core.
@@ -54,9 +54,11 @@ def export(
         )
     if len({path.resolve() for path in outputs}) < len(outputs):
         raise InputError("two exports cannot go to the same path: give each its own")
+    if trial == ():
+        raise InputError("--trial takes one trial_id or several: give one, or leave --trial out")
     for path in outputs:
         check_new(path)
-    source = open_run(folder, trial)
+    source = open_run(folder, *(trial or ()))
     console = Console(highlight=False, soft_wrap=True)
     if rerun_out is not None:
         recorded = recording.write(source, rerun_out, fps=fps)

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from pliant.conditions import condition
+from pliant.conditions import check_range, condition
 from pliant.levels import FIELDS
 
 Range = Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="MIN MAX")]
@@ -76,11 +76,26 @@ class Ranges:
     blind_below_mm: Range = None
     """With the tip lower than this over the board no camera shows anything."""
 
+    @property
+    def first_given(self) -> str | None:
+        """The first option that is given; None: none is."""
+        given = (name for name, value in asdict(self).items() if value is not None)
+        name = next(given, None)
+        return None if name is None else f"--{name.replace('_', '-')}"
+
     def applied_to(self, name: str) -> Any:
-        """The condition as an experiment's field: its name, or its ranges with these in place."""
+        """The condition as an experiment's field: its name, or its ranges with these in place.
+
+        Raises:
+            InputError: a range is out of order, or cannot be simulated.
+        """
         given = {field: value for field, value in asdict(self).items() if value is not None}
         if not given:
             return name
+        for field, values in given.items():
+            quantity, axis = FIELDS[field]
+            low, high = (v if axis is None else axis.from_report(v) for v in values)
+            check_range(f"--{field.replace('_', '-')}", quantity, low, high)
         own = condition(name).ranges
         ranges = {
             field: [v if axis is None else axis.to_report(v) for v in own[quantity]]

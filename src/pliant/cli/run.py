@@ -28,9 +28,9 @@ from pliant.cli.steps import counted
 from pliant.console import Lasting, say
 from pliant.errors import InputError, PliantError, described
 from pliant.experiment import faults, journal, plan, results, runner
-from pliant.experiment.cells import Experiment
+from pliant.experiment.cells import WHOLE, Experiment
 from pliant.experiment.measures import is_undecided, model_share
-from pliant.experiment.one import Spec, perform
+from pliant.experiment.one import Spec, perform, whole
 from pliant.experiment.rows import decided, exchanges, rows_of
 from pliant.experiment.work import attempt
 from pliant.paths import located, shown
@@ -74,10 +74,10 @@ def run(
         condition: none, friction, pose or all: what is drawn at random.
         seed: decides every drawn quantity.
         reasoner: rules, messages, sweep, retry, none, oracle, vlm or file.py:Class.
-        level: L0 (the paper's grid) to L8, or a scenario such as wrong_peg.
+        level: L0 (the paper's grid) to L9, or a scenario such as wrong_peg.
         method: planar, guided, guided-ease (no ease), file.py:Class; default the level's.
         goals: a taught goals file in place of the cell's or the shipped one.
-        cell: sim, a cell's file (.yaml) or file.py:Class; a real one asks a person.
+        cell: sim, a cell's file (.yaml) or file.py:Class; a real one asks you.
         out: the result folder; default runs/ and the trial's name.
         video: then draw the trial as an MP4; simulated cell only.
         json: print one line of JSON, the columns of trials.parquet, and no more.
@@ -87,6 +87,9 @@ def run(
         ranges: ranges in place of the condition's own.
         model: the model behind the reasoner vlm.
     """
+    whole("--seed", seed, *WHOLE["first_seed"])
+    if dry_run and air:
+        raise InputError("--dry-run and --air are two ways to rehearse: leave one of them out")
     out, model = None if out is None else located(out), model.placed()
     fields = {
         "pegs": peg,
@@ -119,11 +122,12 @@ def run(
     if spec.vlm is not None:
         model.refuse_silent(spec.vlm, teller.say)
     trajectory = None
+    page = store.trial_folder(folder, spec.trial_id)
     if is_simulated:
-        trial, trajectory = _simulated(experiment, spec, folder, teller, model, live=live)
+        replaced = _replaced(page, video=video)
+        trial, trajectory = _simulated(experiment, spec, folder, teller, model, replaced, live=live)
     else:
         trial = _attended(experiment, spec, folder, teller, model)
-    page = store.trial_folder(folder, trial.trial_id)
     video = video and trajectory is not None
     with counted("drawing the video") as steps:
         report.write(page, trial, teaching, trajectory=trajectory, video=video, progress=steps.tell)
@@ -145,12 +149,27 @@ def _free_folder(experiment: Experiment, folder: Path) -> Path:
     return next(f for f in chain([folder], sisters) if runner.may_hold(experiment, f))
 
 
+def _replaced(page: Path, *, video: bool) -> str:
+    """A sentence on what this trial's folder holds already and the run makes again; "" where it
+    holds no page."""
+    from pliant.report.trial import PAGE, VIDEO
+
+    if not (page / PAGE).is_file():
+        return ""
+    if not (page / VIDEO).is_file():
+        return f"made again: replaces the page in '{shown(page)}'"
+    if video:
+        return f"made again: replaces the page and the video in '{shown(page)}'"
+    return f"made again: replaces the page in '{shown(page)}' and removes its video (--no-video)"
+
+
 def _simulated(
     experiment: Experiment,
     spec: Spec,
     folder: Path,
     teller: "_Teller",
     model: ModelOptions,
+    replaced: str,
     *,
     live: bool,
 ) -> "tuple[Trial, Trajectory]":
@@ -163,6 +182,8 @@ def _simulated(
     if live:
         _watch(cell)
     with _opened(experiment, folder) as book:
+        if replaced:
+            teller.say(replaced)
         teller.begin(spec)
         trial = perform(
             spec,

@@ -36,6 +36,7 @@ def made_of(folder: Path, part: Container[str] | None = None) -> made.Document:
     Raises:
         InputError: the results are missing or broken, or the folder holds a link.
     """
+    results.see_results(folder)
     folders.refuse_links(folder, but=(store.TRIALS,))
     if not (folder / results.TRIALS_FILE).is_file() and (folder / journal.FILE).is_file():
         so_far = summary.read(folder)

@@ -10,7 +10,7 @@ from pliant.console import complain, say
 from pliant.emulator.emulator import Options, serve
 from pliant.errors import PliantError
 from pliant.text import replace_unshowable
-from pliant.usage import HELP, Usage, page, taken
+from pliant.usage import HELP, Usage, page, refuse_repeats, taken
 
 _PROGRAM = "python -m pliant.emulator"
 
@@ -25,19 +25,25 @@ def main() -> None:
         say(page(_PROGRAM, Options, Usage()))
         return
     try:
+        refuse_repeats(words, Options)
         options = taken(
             words, Options, lambda: tyro.cli(Options, prog=_PROGRAM, config=flags), _PROGRAM
         )
-        if not options.is_loopback():
-            complain(
-                f"warning: {options.host} can be reached from other machines, and nothing here asks"
-                " for a password"
-            )
+        is_loopback = options.is_loopback()  # refuses what is no address
+
+        def tell(ready: str) -> None:
+            if not is_loopback:
+                complain(
+                    f"warning: {options.host} can be reached from other machines, and nothing here"
+                    " asks for a password"
+                )
+            say(ready)
+
         # The default selector rounds waits up to milliseconds, which are most of a tick.
         with asyncio.Runner(
             loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
         ) as runner:
-            runner.run(serve(options, lambda text: say(text)))
+            runner.run(serve(options, tell))
     except PliantError as error:
         complain(f"pliant.emulator: {error}")
         sys.exit(2)

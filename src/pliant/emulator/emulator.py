@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import errno
 import gc
 import ipaddress
 import os
@@ -334,6 +335,10 @@ class Emulator:
             try:
                 await loop.create_server(factory, host, port)
             except OSError as error:
+                if error.errno == errno.EADDRNOTAVAIL:
+                    raise InputError(
+                        f"host {host} is no address of this machine: give one that is, as 127.0.0.2"
+                    ) from error
                 raise InputError(
                     f"port {port} on {host} cannot be opened ({os.strerror(error.errno or 0)}):"
                     " end the program that has it, or give another --host, as 127.0.0.2"

@@ -11,7 +11,7 @@ from pliant import teaching
 from pliant.conditions import Condition
 from pliant.errors import InputError
 from pliant.experiment import decides, growth
-from pliant.experiment.one import Spec
+from pliant.experiment.one import MOST_SEED, Spec, whole
 from pliant.experiment.where import Where
 from pliant.methods.named import method
 from pliant.own import short_name
@@ -22,7 +22,6 @@ from pliant.task import Task
 from pliant.teaching import Teaching
 
 MOST_TRIALS = 1_000_000
-MOST_SEED = 2**32
 WHOLE = {"trials": (1, MOST_TRIALS), "first_seed": (0, MOST_SEED)}
 
 
@@ -161,12 +160,6 @@ class Experiment:
 def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """The fields of two experiments' documents that differ, by name."""
     return sorted(k for k in {*one, *other} if one.get(k) != other.get(k))
-
-
-def whole(name: str, value: Any, least: int, most: int) -> None:
-    """Check a number. Raises InputError where it is no whole number from `least` to `most`."""
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InputError(f"{name} is {value!r}: it must be a whole number from {least} to {most}")
 
 
 def _document(condition: Condition) -> dict[str, Any]:

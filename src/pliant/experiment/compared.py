@@ -129,7 +129,7 @@ def compare(
 
 
 def _listed(given: str | Sequence[Any]) -> list[Any]:
-    return [given] if isinstance(given, str) else list(given)
+    return list(given) if isinstance(given, list | tuple) else [given]
 
 
 def _framed(table: pa.Table) -> "pd.DataFrame":

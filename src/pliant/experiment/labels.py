@@ -24,6 +24,7 @@ def label(folder: Path, ask: Ask) -> tuple[int, int]:
     """
     path = folder / journal.FILE
     if not path.is_file():
+        results.see_results(folder)
         raise InputError(f"'{folder}' has no {journal.FILE}: name the folder of an experiment")
     folders.refuse_links(folder)
     done = 0

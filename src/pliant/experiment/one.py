@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from pliant import conditions, signals
 from pliant.cell import Robot, Truth, Workcell
@@ -27,6 +27,7 @@ from pliant.teaching import Teaching, shipped
 from pliant.trial import Patience, Run
 from pliant.vision.measure import SIMULATED, Colours
 
+MOST_SEED = 2**32
 INTERRUPTED = "fault:interrupted"
 """The end reason of a trial that the person stops."""
 
@@ -75,6 +76,12 @@ class Spec:
         Raises:
             InputError: a name is unknown, or the peg file cannot be used.
         """
+        for what, value in (("peg", peg), ("level", level), ("reasoner", reasoner)):
+            if not isinstance(value, str):
+                raise InputError(f"{what} is {value!r}: it must be a name")
+        if not (method is None or isinstance(method, str)):
+            raise InputError(f"method is {method!r}: it must be a name")
+        whole("seed", seed, 0, MOST_SEED)
         rung = load_level(level)
         drawn = condition if isinstance(condition, Condition) else conditions.condition(condition)
         return cls(
@@ -101,6 +108,12 @@ class Spec:
         return trial_id(self.names, self.seed)
 
 
+def whole(name: str, value: Any, least: int, most: int) -> None:
+    """Check a number. Raises InputError where it is no whole number from `least` to `most`."""
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise InputError(f"{name} is {value!r}: it must be a whole number from {least} to {most}")
+
+
 def trial_id(names: tuple[str, str, str, str], seed: int) -> str:
     """The name of a trial, which can be a folder's: (level, peg, condition, reasoner), and seed."""
     return "-".join(_file_name(str(n)) for n in (*names, seed))
@@ -120,7 +133,8 @@ def run(
     one that is given to several trials is compiled once.
 
     Raises:
-        InputError: a name is unknown, or a file that it says cannot be used.
+        InputError: a name is unknown, a file that it says cannot be used, or the seed is no whole
+            number from 0 to 2**32.
     """
     spec = Spec.named(
         peg=peg, level=level, condition=condition, seed=seed, method=method, reasoner=reasoner

@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pliant import files
-from pliant.conditions import CONDITIONS, Condition, condition
+from pliant.conditions import CONDITIONS, Condition, check_range, condition
 from pliant.errors import InputError, unknown, within
 from pliant.experiment import oracle
-from pliant.experiment.cells import WHOLE, Cell, Experiment, whole
+from pliant.experiment.cells import WHOLE, Cell, Experiment
+from pliant.experiment.one import whole
 from pliant.experiment.trust import Agree, Named, refuse
 from pliant.levels import FIELDS, load_level
 from pliant.methods.named import method
@@ -207,9 +208,11 @@ def _cells(
         if single not in block or block[single].value in ([], None):
             with within(*place):
                 raise InputError(f"a cell lacks its {single}: give one, or a list of them")
-    pegs, conditions, reasoners = (block[single].each() for single in _BLOCK.values())
+    pegs, conditions, reasoners = (
+        _each_once(single, block[single].each()) for single in _BLOCK.values()
+    )
     way = block["method"].read(lambda name: _method(name, level.method))
-    tasks = [peg.read(lambda name: load_task(_name("peg", name), level.name)) for peg in pegs]
+    tasks = [peg.read(lambda name: load_task(_text("peg", name), level.name)) for peg in pegs]
     drawn = [level.on(entry.read(parse_condition)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
     for task, drawing, (name, settings) in product(tasks, drawn, minds):
@@ -223,10 +226,20 @@ def _cells(
         )
 
 
+def _each_once(what: str, entries: list[_Given]) -> list[_Given]:
+    """The entries, none of which may be there twice."""
+    for n, entry in enumerate(entries):
+        if any(entry.value == other.value for other in entries[:n]):
+            named = entry.value.get("name") if isinstance(entry.value, dict) else entry.value
+            with within(*entry.place):
+                raise InputError(f"{what} '{named}' is given twice: give it once")
+    return entries
+
+
 def _method(name: Any, usual: str) -> str:
     if name is None:
         return usual
-    return _name("method", name)
+    return _text("method", name)
 
 
 def _reasoner(given: _Given, asked: Mapping[str, _Given]) -> tuple[str, Settings | None]:
@@ -257,7 +270,7 @@ def _reasoners_name(entry: Any) -> str:
         if name in REASONERS or name == oracle.NAME:
             raise InputError(f"reasoner '{name}' is no VLM: one with settings needs another name")
         return name
-    return _name("reasoner", entry)
+    return _text("reasoner", entry)
 
 
 def _named(minds: list[_Given], ways: list[_Given], asked: Mapping[str, _Given]) -> Named:
@@ -295,7 +308,7 @@ def parse_condition(entry: Any) -> Condition:
         InputError: the name is unknown or taken, or a quantity or a range is not valid.
     """
     if not isinstance(entry, dict):
-        return condition(_name("condition", entry))
+        return condition(_text("condition", entry))
     ranges = dict(entry)
     name = _name("condition's name", ranges.pop("name", None))
     if name in CONDITIONS:
@@ -318,10 +331,19 @@ def _in_si(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]
         raise InputError(f"condition '{name}': {field} is {value!r}; it must be [low, high]")
     quantity, axis = FIELDS[field]
     low, high = (float(v) if axis is None else axis.from_report(float(v)) for v in value)
+    check_range(f"condition '{name}': {field}", quantity, low, high)
     return quantity, (low, high)
 
 
 def _name(what: str, value: Any) -> str:
+    """A name that the file gives to something; it may not be empty."""
     if not isinstance(value, str) or not value:
+        raise InputError(f"{what} is {value!r}: it must be a name")
+    return value
+
+
+def _text(what: str, value: Any) -> str:
+    """A name of something that there is; whoever looks it up says what is valid."""
+    if not isinstance(value, str):
         raise InputError(f"{what} is {value!r}: it must be a name")
     return value

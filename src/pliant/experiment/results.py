@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from pliant import folders
+from pliant import folders, store
 from pliant.errors import InputError
 from pliant.experiment.columns import EXECUTIONS, TRIALS, Column, schema
 from pliant.experiment.journal import FILE, OUTDATED, Busy, Journal, rows_at, scan
@@ -28,6 +28,20 @@ _WHOSE = (
     *("decisions", "own", "clamped", "fallbacks", "tokens"),
 )
 T = TypeVar("T")
+
+
+def see_results(folder: Path) -> None:
+    """See that a folder holds something that pliant wrote: a run, finished or not, or a trial.
+
+    Raises:
+        InputError: it does not, or is not there.
+    """
+    name = "name the result folder of `pliant experiment` or `pliant run`"
+    if not folder.exists():
+        raise InputError(f"'{folder}' does not exist: {name}")
+    ours = (store.RUN, FILE, TRIALS_FILE, store.TRIAL, store.TRIALS)
+    if not any((folder / file).exists() for file in ours):
+        raise InputError(f"'{folder}' holds no results of pliant: {name}")
 
 
 def write(folder: Path, journal: Path, offsets: Iterable[int]) -> None:
@@ -138,9 +152,10 @@ def _read(
     """A file's rows in batches, with each page held to its checksum. `known` columns are never
     null. What is packed into few bytes is unpacked only as far as results are large."""
     if not path.is_file():
+        see_results(path.parent)
         raise InputError(
-            f"'{path}' does not exist: name the folder of a finished experiment, or finish it with"
-            " the command that began it"
+            f"'{path.parent}' holds an experiment that is not finished: finish it with the command"
+            " that began it"
         )
     folders.refuse_link(path)
     total = 0

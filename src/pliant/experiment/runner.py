@@ -25,6 +25,7 @@ from pliant.experiment.progress import Silent, Watcher
 from pliant.experiment.rows import Rows, decided, lost
 from pliant.experiment.work import Job, Save, perform_job
 from pliant.files import write_bytes
+from pliant.own import own_file
 from pliant.paths import located
 from pliant.reasoners import refuse_silent
 
@@ -39,13 +40,14 @@ _LOOK_S = 0.5
 @dataclass(frozen=True, kw_only=True)
 class Finished:
     """The result of a call of `run`: trials in all, finished by now, before it began, and of those
-    finished the ones in which nothing was measured. Not `complete`: it was interrupted, and the
-    same call goes on."""
+    finished the ones in which nothing was measured. Not `complete`: it was `interrupted`, or trials
+    were left for later, and the same call goes on."""
 
     total: int
     done: int
     resumed: int
     faults: int
+    interrupted: bool = False
 
     @property
     def complete(self) -> bool:
@@ -97,11 +99,16 @@ def run(
     folder = located(folder)  # a worker's current folder may be another
     record, replay = (None if path is None else located(path) for path in (record, replay))
     goals = None if experiment.goals is None else str(located(experiment.goals))
+    if again and not (folder / store.RUN).exists():
+        raise InputError(
+            f"'{folder}' holds no experiment, so there is nothing to repeat: leave {AGAIN} out, or"
+            " name its folder (--out)"
+        )
     expected = experiment.expected  # as planned: a file may be changed while it runs
     prepare(experiment, folder, grows=True)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
-        place, faulted = _Places(experiment, held(folder)), dict[str, str]()
+        place, faulted, unkept = _Places(experiment, held(folder)), dict[str, str](), 0
         for entry in journal.scan(path):
             cell = place.put(entry.trial_id, entry.offset, path)
             if cell is None:
@@ -110,6 +117,7 @@ def run(
                 faulted[entry.trial_id] = entry.fault
             if not (entry.fault and again):
                 seen.known(cell, entry.inserted, entry.fault)
+                unkept += engine is None and _lacks_record(folder, entry, save)
         repeated = set(faulted) if again else set()
         for trial_id in repeated:
             place.forget(trial_id, path)
@@ -119,8 +127,10 @@ def run(
             seen.say(f"journal: dropped a half-written last line ({book.torn} bytes)")
         if resumed:
             seen.say(f"resuming: {resumed} of {len(experiment)} trials are there")
+        if unkept:
+            seen.say(_without_record(unkept, save))
         if again:
-            seen.say(f"repeating {_count(len(repeated))}")
+            seen.say(f"repeating {_count(len(repeated))}" if repeated else "no faults to repeat")
         elif faulted:
             seen.say(f"{_count(len(faulted))} among them: {AGAIN} repeats such trials")
         jobs = (
@@ -141,6 +151,7 @@ def run(
             for settings in dict.fromkeys(spec.vlm for spec in missing if spec.vlm is not None):
                 refuse_silent(settings, seen.say)
         silent = _Silent(experiment, seen.say)
+        interrupted = False
         first = _First(min(ALIKE, len(experiment) - resumed))
         if resumed < len(experiment):
             try:
@@ -164,6 +175,7 @@ def run(
                         if first.are_all(fault):
                             break
             except KeyboardInterrupt as stop:
+                interrupted = True
                 seen.say("interrupted: what is finished is kept; the same command goes on")
                 for where in stop.args:
                     seen.say(str(where))
@@ -173,10 +185,27 @@ def run(
             results.write(folder, path, place.finished)
     if first.stopped:
         raise InputError(
-            f"stopped: the first {first.n} trials were all the same fault: {first.stopped}; mend"
-            f" the cause, then the same command with {AGAIN} repeats them and goes on"
+            f"stopped: the first {first.n} trials were all the same fault: {first.stopped};"
+            f" {advice(experiment)}"
         )
-    return Finished(total=len(experiment), done=place.done, resumed=resumed, faults=len(faulted))
+    return Finished(
+        total=len(experiment),
+        done=place.done,
+        resumed=resumed,
+        faults=len(faulted),
+        interrupted=interrupted,
+    )
+
+
+def advice(experiment: Experiment) -> str:
+    """What to do about faults, in words: a changed file of the user's own needs a new folder."""
+    repeats = f"the same command with {AGAIN} repeats them"
+    if any(own_file(name) for c in experiment.cells for name in (c.reasoner, c.method)):
+        return (
+            "mend the cause: with a change to a file of your own the whole experiment goes into"
+            f" another folder (--out), and without one {repeats}"
+        )
+    return f"mend the cause, and {repeats}"
 
 
 class _Silent:
@@ -216,6 +245,20 @@ class _First:
         elif len(self._texts) == self.n:
             self._texts, self.stopped = None, fault
         return bool(self.stopped)
+
+
+def _lacks_record(folder: Path, entry: journal.Entry, save: Save) -> bool:
+    """Whether a finished trial has no record that `save` would have kept."""
+    is_wanted = save is Save.ALL or (save is Save.FAILURES and entry.inserted is not True)
+    return is_wanted and not (store.trial_folder(folder, entry.trial_id) / store.TRIAL).is_file()
+
+
+def _without_record(unkept: int, save: Save) -> str:
+    trials = "1 finished trial has" if unkept == 1 else f"{unkept} finished trials have"
+    return (
+        f"{trials} no record, which --save {save.value} keeps only of trials that are run now: for"
+        " theirs, run the experiment anew into another folder (--out)"
+    )
 
 
 def _count(faulted: int) -> str:
@@ -270,6 +313,12 @@ def prepare(experiment: Experiment, folder: Path, *, grows: bool = False) -> Non
     before = held(folder)
     if before.get("fingerprint") == document["fingerprint"]:
         return
+    if not grows and (holds := growth.planned(before)) > len(experiment):
+        raise InputError(
+            f"output folder '{folder}' holds an experiment of {holds} trials, whose tables a single"
+            " trial would replace: choose another folder (--out), or add to it with `pliant"
+            " experiment`"
+        )
     after = growth.grown(before, document, folder)
     if after is before:
         return

@@ -76,7 +76,7 @@ def build(folder: Path, part: Container[str] | None = None) -> Document:
         "cells": [{**_cell(cell), "made_by": made_by} for cell in ordered],
         "placed": _table4(ordered),
         "transitions": _transitions(ordered),
-        "pairs": _pairs(ordered),
+        "pairs": _pairs(ordered, list(dict.fromkeys(key[3] for key in cells))),
         "ladder": ladder.rows(trials),
         "scenarios": ladder.scenarios(trials),
     }
@@ -204,9 +204,9 @@ def _transitions(cells: Sequence[_Cell]) -> list[Document]:
     ]
 
 
-def _pairs(cells: Sequence[_Cell]) -> list[Document]:
+def _pairs(cells: Sequence[_Cell], listed: Sequence[str]) -> list[Document]:
     """Comparisons of every two reasoners on the trials that both have: in each cell, and in all
-    together."""
+    together. From the one that is listed later the earlier one is subtracted."""
     outcomes: dict[str, dict[tuple[str, str, str], dict[int, bool]]] = {}
     for cell in cells:
         level, peg, condition, reasoner = cell.key
@@ -219,7 +219,7 @@ def _pairs(cells: Sequence[_Cell]) -> list[Document]:
         reasoner: measures.model_share([t for c in cells if c.key[3] == reasoner for t in c.trials])
         for reasoner in outcomes
     }
-    for first, second in combinations(outcomes, 2):
+    for second, first in combinations(listed, 2):
         shared = [place for place in outcomes[first] if place in outcomes[second]]
         names = {"first": first, "second": second}
         names |= {f"{nth}_shown": measures.name(who, shares[who]) for nth, who in names.items()}

@@ -11,8 +11,16 @@ from pliant.text import escaped
 
 Document = Mapping[str, Any]
 PARTLY = "†"
-REFERENCE = "rules"
-"""The reasoner against which others are shown in each cell; the first one where it is not there."""
+PAIRED = (
+    "The difference in G, on the trials that both reasoners have: it is positive where the one"
+    " named first inserts more. That is the one which the experiment lists later."
+)
+"""A sentence on what the table of pairs shows."""
+POOLED = (
+    "The rows of all pool pegs and conditions, which share their seeds: their trials are not"
+    " independent of each other, so that the interval is rather too narrow, and p too small."
+)
+"""A sentence on the rows that pool several cells, where a table has such."""
 
 _RIGHT = {
     "insert": "insert",
@@ -174,17 +182,13 @@ def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
 
 
 def pairs(rows: Sequence[Document]) -> str:
-    """A table of differences in success: all cells together for every two reasoners, and cell by
-    cell against one."""
+    """A table of differences in success for every two reasoners: all cells together, then cell by
+    cell, with what its numbers mean."""
     if not rows:
         return "Only one reasoner."
-    names = list(dict.fromkeys(name for r in rows for name in (r["first"], r["second"])))
-    reference = REFERENCE if REFERENCE in names else names[0]
-    shown = [r for r in rows if r["peg"] is None]
-    shown += [r for r in rows if r["peg"] and reference in (r["first"], r["second"])]
     header = ["first − second", "peg", "condition", "n", "difference [points]"]
     header += ["only first", "only second", "McNemar p"]
-    return _table(
+    table = _table(
         header,
         (
             [
@@ -197,9 +201,26 @@ def pairs(rows: Sequence[Document]) -> str:
                 str(r["only_second"]),
                 f"{r['p']:.2g}",
             ]
-            for r in shown
+            for r in by_cell(rows)
         ),
     )
+    return "\n\n".join([paired(rows), table])
+
+
+def by_cell(rows: Sequence[Document]) -> list[Document]:
+    """The rows of pairs with those of all cells together first, then cell by cell."""
+    places = list(dict.fromkeys(_place(r) for r in rows if r["peg"]))
+    return sorted(rows, key=lambda r: places.index(_place(r)) if r["peg"] else -1)
+
+
+def paired(rows: Sequence[Document]) -> str:
+    """A paragraph on what the numbers of a table of pairs mean."""
+    several = len({_place(r) for r in rows if r["peg"]}) > 1
+    return " ".join([PAIRED, POOLED]) if several else PAIRED
+
+
+def _place(row: Document) -> tuple[Any, ...]:
+    return row["level"], row["peg"], row["condition"]
 
 
 def depth(cells: Sequence[Document]) -> str:
@@ -336,7 +357,8 @@ def _faults_section(cells: Sequence[Document]) -> list[str]:
     return [
         "## Faults: trials in which nothing was measured",
         _table(header, rows),
-        "The command that made them repeats these and no others with `--again faults`.",
+        "The command that made them repeats these and no others with `--again faults`, as long as"
+        " your own reasoner's and method's files are as they were.",
     ]
 
 

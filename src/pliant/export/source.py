@@ -55,20 +55,22 @@ class Source:
         return self.saved[0]
 
 
-def open_run(folder: Path, trial_id: str | None = None) -> Source:
-    """Read which trials of a run can be exported: all that kept their record, or one of them.
-    One in which nothing was measured is no failure: it is left out, unless it is named.
+def open_run(folder: Path, *chosen: str) -> Source:
+    """Read which trials of a run can be exported: all that kept their record, or those `chosen` by
+    their trial_id. One in which nothing was measured is no failure: it is left out, unless it is
+    named.
 
     Raises:
         InputError: the run is not finished, kept no trial's record, or has no such trial.
     """
+    results.see_results(folder)
     folders.refuse_links(folder)
     rows = results.read_trials(folder).to_pylist()
     found = splits(rows)
     saved = [
         Saved(folder=kept, row=row, split=split)
         for row, split in zip(rows, found, strict=True)
-        if not (trial_id is None and faults.is_fault(row))
+        if (chosen or not faults.is_fault(row))
         and ((kept := trial_folder(folder, row["trial_id"])) / TRIAL).is_file()
     ]
     if not saved:
@@ -76,13 +78,15 @@ def open_run(folder: Path, trial_id: str | None = None) -> Source:
             f"'{folder}' kept no trial's record: make a run with 'pliant experiment … --save all'"
             " (or failures), or with 'pliant run', and export that"
         )
-    if trial_id is not None:
-        saved = [s for s in saved if s.trial_id == trial_id]
-        if not saved:
-            raise InputError(
-                f"'{folder}' kept no record of a trial '{trial_id}': its folder 'trials' has those"
-                " that can be chosen"
-            )
+    if chosen:
+        kept_ids = {s.trial_id for s in saved}
+        for trial_id in chosen:
+            if trial_id not in kept_ids:
+                raise InputError(
+                    f"'{folder}' kept no record of a trial '{trial_id}': its folder 'trials' has"
+                    " those that can be chosen"
+                )
+        saved = [s for s in saved if s.trial_id in chosen]
     saved.sort(key=lambda s: s.split == TEST)
     return Source(folder=folder, run=_run_json(folder), trials=len(rows), saved=tuple(saved))
 

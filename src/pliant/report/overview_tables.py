@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 
 from pliant.experiment.columns import KINDS
 from pliant.experiment.statistics import wilson
-from pliant.experiment.tables_text import REFERENCE, marks, shown_name
+from pliant.experiment.tables_text import by_cell, marks, paired, shown_name
 from pliant.formations import RECOVERABLE
 from pliant.report import words
 from pliant.report.charts import Bar, bars, difference
@@ -184,21 +184,16 @@ def own(cells: Sequence[Document]) -> Html:
 
 
 def pairs(rows: Sequence[Document]) -> Html:
-    """A table of reasoner against reasoner on the same seeds: all cells together for every two, and
-    cell by cell against one."""
+    """A table of every two reasoners on the same seeds: all cells together, then cell by cell."""
     if not rows:
         return tag("p", "Only one reasoner: nothing to compare.")
-    names = list(dict.fromkeys(name for r in rows for name in (r["first"], r["second"])))
-    reference = REFERENCE if REFERENCE in names else names[0]
-    shown = [r for r in rows if r["peg"] is None]
-    shown += [r for r in rows if r["peg"] and reference in (r["first"], r["second"])]
     head = ["first − second", "peg", "condition", "n", "", "difference [points]"]
     head += ["only first", "only second", "McNemar p"]
     caption = (
-        "Difference in G on the trials that both have, with its 95 % interval (Newcombe); right of"
-        " the middle the first is better. Only: trials that one inserted and the other did not."
+        f"{paired(rows)} With its 95 % interval (Newcombe); right of the middle the first is"
+        " better. Only: trials that one inserted and the other did not."
     )
-    return table(head, [_pair(row) for row in shown], caption)
+    return table(head, [_pair(row) for row in by_cell(rows)], caption)
 
 
 def _pair(row: Document) -> Html:

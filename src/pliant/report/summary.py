@@ -45,6 +45,7 @@ def read(folder: Path) -> Summary:
     Raises:
         InputError: it is no such folder, holds no finished trial yet, or something in it is broken.
     """
+    results.see_results(folder)
     run = _run(folder)
     if (folder / results.TRIALS_FILE).is_file():
         return _read(folder, run)

@@ -9,6 +9,7 @@ from pathlib import Path
 from pliant import files, folders, store
 from pliant.console import Told, untold
 from pliant.errors import InputError
+from pliant.experiment import results
 from pliant.records import Trial
 from pliant.report import overview, summary, trial
 from pliant.teaching import Teaching
@@ -51,6 +52,7 @@ def view(
         home = _HOME if run is not None and (run / trial.PAGE).is_file() else None
         made = Counter([_show(folder, teachings, film, home)])
         return _viewed(folder / trial.PAGE, made, [])
+    results.see_results(folder)
     folders.refuse_links(folder, but=(store.TRIALS,))
     stored = store.kept_trials(folder)
     counts, pages, problems = Counter[_Page](), set(), []
