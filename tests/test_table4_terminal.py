@@ -59,7 +59,7 @@ def test_a_person_places_agrees_labels_and_stops_by_ctrl_c(tmp_path: Path) -> No
             with when_moving(HOST, lambda admin: terminal.press("\x03")):
                 status, last = terminal.ended()
             assert emulator.ask("state")["program"] == "STOPPED"
-    assert (status, "1 of 2 trials are done" in last) == (1, True)
+    assert (status, "1 of 2 trials are done" in last) == (130, True)
     (kept,) = (out / "aborted").iterdir()
     assert f"is kept in '{kept}'" in last.replace("\r\n", "")
     trial = store.load_trial(kept)
