@@ -6,7 +6,7 @@ import math
 import numpy as np
 from hypothesis import strategies as st
 
-from pliant.task import Outline
+from pliant.polygon import Outline
 
 _DEGREES = st.lists(st.integers(0, 359), min_size=4, max_size=16, unique=True)
 Polar = list[tuple[float, float]]  # angle [rad], radius [m]

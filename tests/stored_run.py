@@ -5,7 +5,7 @@ from pathlib import Path
 
 from stand_ins import cell_for
 
-from pliant.experiment import plan, results, runner
+from pliant.experiment import holdings, plan, results
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.rows import rows_of
 from pliant.records import Trial
@@ -27,7 +27,7 @@ def store(folder: Path) -> dict[str, Trial]:
             "first_seed": 5,
         }
     )
-    runner.prepare(experiment, folder)
+    holdings.prepare(experiment, folder)
     specs = [s for s in experiment.specs() if s.trial_id in (RECOVERED, FAILED, HELD_OUT)]
     trials = [_performed(spec, experiment.teaching(), folder) for spec in specs]
     results.write_rows(folder, [rows_of(trial) for trial in trials])

@@ -20,11 +20,12 @@ from pliant.errors import InputError
 from pliant.experiment import journal, results, tables
 from pliant.experiment.cells import Experiment
 from pliant.experiment.columns import EXECUTIONS, schema
+from pliant.experiment.holdings import may_hold, prepare
 from pliant.experiment.one import perform
 from pliant.experiment.plan import from_fields
 from pliant.experiment.progress import Shown
 from pliant.experiment.rows import Rows, lost, rows_of
-from pliant.experiment.runner import Finished, may_hold, prepare, run
+from pliant.experiment.runner import Finished, run
 from pliant.experiment.work import Job, Save
 from pliant.report import summary
 

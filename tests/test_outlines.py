@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from outlines import outlines
 
 from pliant.errors import InputError
+from pliant.polygon import Outline
 from pliant.sim.board import (
     Polygon,
     area,
@@ -21,7 +22,7 @@ from pliant.sim.board import (
     hull_faces,
 )
 from pliant.sim.model import add_board, add_peg
-from pliant.task import Hole, Outline, Peg, Task, load_task, shipped_pegs
+from pliant.task import Hole, Peg, Task, load_task, shipped_pegs
 
 CLEARANCES = st.sampled_from([0.0002, 0.0005, 0.002, 0.008])
 CHAMFERS = st.sampled_from([0.0, 0.0, 0.0005, 0.003])

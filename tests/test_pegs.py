@@ -15,12 +15,13 @@ from test_sim_model import LIMIT, SIDE_FORCE, ceiling, depth, play_under, press_
 from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.levels import load_level
+from pliant.polygon import Outline
 from pliant.pose import Pose
 from pliant.sim.board import area, contains, convex_pieces, hole_outline
 from pliant.sim.cell import SimCell, SimRobot
 from pliant.sim.gripper import closed_on
 from pliant.sim.model import ARM_JOINTS, PEG, build
-from pliant.task import Hole, Outline, Peg, Task, load_task, shipped_pegs
+from pliant.task import Hole, Peg, Task, load_task, shipped_pegs
 
 SQUARE = ((-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01))
 NEVER_TAUGHT = load_level("L7").pegs

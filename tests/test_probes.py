@@ -269,6 +269,26 @@ def test_a_model_asks_for_a_touch_by_a_function_call_and_is_told_what_was_felt()
     assert len(shown) == len(found.probe.exchanges[-1].pictures) + 3
 
 
+class Mute(Curious):
+    """A model that answers everything but whether it needs a probe."""
+
+    def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
+        if asked(messages).startswith("say whether you need a probe"):
+            return reply(info, {"reason": "hm"})
+        return super().answer(messages, info)
+
+
+def test_a_model_that_does_not_say_whether_it_needs_a_probe_is_named_for_it() -> None:
+    execution = next(e for e in running(Mute()) if e.recovery is not None)
+    assert execution.probes == ()
+    assert execution.recovery is not None
+    assert "probe: Field required" in execution.recovery.no_answer_about_probes
+    assert execution.recovery.is_own
+    _, told = curious()
+    assert told.recovery is not None
+    assert told.recovery.no_answer_about_probes == ""
+
+
 def test_a_probe_is_stored_read_back_and_shown_with_its_pictures(tmp_path: Path) -> None:
     _, execution = curious()
     trial = Trial(

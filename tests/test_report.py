@@ -11,7 +11,7 @@ import pytest
 from view_folders import HOSTILE, Page, ran, told
 
 from pliant.errors import InputError
-from pliant.experiment import runner
+from pliant.experiment import holdings
 from pliant.experiment.plan import from_fields
 from pliant.records import Aborted, End, Trial
 from pliant.report import overlay, strip, video, words
@@ -114,7 +114,7 @@ def test_the_timeline_is_as_wide_as_executions_are_long(folder: Path, trial: Tri
 def test_the_page_says_in_its_title_what_was_run(trial: Trial, tmp_path: Path) -> None:
     given = {"name": "all-own", "hole_y_mm": [8, 12]}
     planned = from_fields({"pegs": "circle", "conditions": [given], "reasoners": trial.reasoner})
-    runner.prepare(planned, tmp_path)
+    holdings.prepare(planned, tmp_path)
     mine = replace(trial, condition="all-own")
     write(tmp_path / "trials" / "mine", mine, shipped())
     told = page_of(tmp_path / "trials" / "mine").words

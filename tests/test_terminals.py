@@ -10,7 +10,7 @@ from test_tables import made
 
 from pliant import store
 from pliant.errors import InputError
-from pliant.experiment import results, runner
+from pliant.experiment import holdings, results
 from pliant.experiment.plan import from_fields
 from pliant.task import load_task
 
@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished experiment, and peg files that cannot be used, under names in any encoding."""
     folder = tmp_path_factory.mktemp("größe")
     fields = {"pegs": "circle", "conditions": "all", "reasoners": "none", "trials": 1}
-    runner.prepare(from_fields(fields), folder / "run")
+    holdings.prepare(from_fields(fields), folder / "run")
     results.write_rows(folder / "run", [made(1, inserted=True, reasoner="größe≠")])
     for name in (_UTF8, _LATIN):
         (folder / os.fsdecode(name)).write_text("shape: größe≠\n", encoding="utf-8")

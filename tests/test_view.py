@@ -17,7 +17,7 @@ from view_folders import HOSTILE, Page, drawn, experiment, ran, store_trial, tol
 
 from pliant.cli.view import view as command
 from pliant.errors import InputError
-from pliant.experiment import journal, runner
+from pliant.experiment import holdings, journal
 from pliant.experiment.plan import from_fields
 from pliant.experiment.rows import Rows
 from pliant.report import html
@@ -114,7 +114,7 @@ def test_a_large_experiments_page_stays_small(tmp_path: Path) -> None:
 
 def test_an_unfinished_experiment_is_shown_as_far_as_it_is(tmp_path: Path) -> None:
     planned = from_fields({"pegs": "circle", "conditions": "all", "reasoners": ["none", "rules"]})
-    runner.prepare(planned, tmp_path)
+    holdings.prepare(planned, tmp_path)
     with pytest.raises(InputError, match="no finished trial yet"):
         look(tmp_path)
     with journal.Journal(tmp_path / journal.FILE) as book:

@@ -94,22 +94,36 @@ WRONG = {
 }
 
 
+@pytest.fixture
+def refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
+    """The one line with which a command line is refused, with status 2 and
+    nothing on standard output."""
+
+    def line(*words: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["pliant", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 2
+        printed, complained = capsys.readouterr()
+        assert printed == ""
+        (said,) = complained.splitlines()
+        return said
+
+    return line
+
+
 @pytest.mark.parametrize(("line", "answer"), WRONG.items(), ids=list(WRONG))
 def test_a_wrong_command_line_is_answered_in_one_line(
     line: str,
     answer: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["pliant", *line.split()])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    printed, said = capsys.readouterr()
-    assert ended.value.code == 2
-    assert printed == ""
-    assert len(said.splitlines()) == 1, said
+    said = refused(*line.split())
     assert said.startswith("pliant: ")
     assert answer in said
     assert [*tmp_path.iterdir()] == []
@@ -118,60 +132,40 @@ def test_a_wrong_command_line_is_answered_in_one_line(
 @pytest.mark.parametrize("held", [(), ("note.txt",)], ids=["nothing", "a note"])
 @pytest.mark.parametrize("line", ["view {}", "tables {}", "export {} --lerobot data"])
 def test_a_folder_that_pliant_did_not_write_is_refused_in_the_same_words_everywhere(
-    line: str,
-    held: tuple[str, ...],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    line: str, held: tuple[str, ...], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     for name in held:
         (tmp_path / name).touch()
-    monkeypatch.setattr(sys, "argv", ["pliant", *line.format(tmp_path).split()])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    (said,) = capsys.readouterr().err.splitlines()
+    said = refused(*line.format(tmp_path).split())
     assert f"'{tmp_path}' holds no results of pliant: name the result folder of" in said
     assert sorted(path.name for path in tmp_path.iterdir()) == [*held]
 
 
 @pytest.mark.parametrize("command", ["run", "experiment"])
 def test_a_file_of_ones_own_that_is_no_python_is_named_with_its_line_and_no_other(
-    command: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
 ) -> None:
     (tmp_path / "own.py").write_text("\nclass Mine\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["pliant", command, "--cell", "own.py:Mine"])
-    with pytest.raises(SystemExit):
-        main()
-    (said,) = capsys.readouterr().err.splitlines()
+    said = refused(command, "--cell", "own.py:Mine")
     assert said.endswith("cannot be made: SyntaxError: expected ':' (own.py:2)")
 
 
 def test_an_option_beside_a_preset_that_has_it_too_is_no_repeat(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = ["run", "--preset", "paper", "--plan", "bounded", "--judge", "rules", "--peg", "x"]
-    monkeypatch.setattr(sys, "argv", ["pliant", *words])
-    with pytest.raises(SystemExit):
-        main()
-    (said,) = capsys.readouterr().err.splitlines()
+    said = refused(*words)
     assert said.startswith("pliant: unknown peg 'x'")
 
 
 def test_a_class_that_a_file_does_not_have_is_answered_with_those_it_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     own = tmp_path / "own.py"
     own.write_text("class Careful: ...\n", encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["pliant", "run", "--reasoner", f"{own}:Carful"])
-    with pytest.raises(SystemExit):
-        main()
-    (said,) = capsys.readouterr().err.splitlines()
+    said = refused("run", "--reasoner", f"{own}:Carful")
     assert "has no class 'Carful': it has Careful; did you mean 'Careful'?" in said
 
 

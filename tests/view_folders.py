@@ -11,7 +11,7 @@ from typing import Any
 from test_tables import made, step
 
 from pliant.conditions import condition
-from pliant.experiment import results, runner
+from pliant.experiment import holdings, results
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.plan import from_fields
 from pliant.experiment.rows import Rows, rows_of
@@ -125,7 +125,7 @@ def experiment(folder: Path, extra: Sequence[Rows] = (), *, keep: Trial | None =
     """An experiment's folder: two reasoners on eight seeds, `extra` rows, and the record of `keep`,
     which then is one of the trials."""
     fields = {"pegs": "circle", "conditions": ["none", "all"], "reasoners": ["rules", "none"]}
-    runner.prepare(from_fields({**fields, "trials": 8}), folder)
+    holdings.prepare(from_fields({**fields, "trials": 8}), folder)
     rows = [made(s, s <= 7, executions=(step("fit", to="fit"),), **drawn(s)) for s in range(1, 9)]
     rows += [made(s, s <= 2, reasoner="none", **drawn(s)) for s in range(1, 9)]
     if keep is not None:

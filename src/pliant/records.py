@@ -208,6 +208,13 @@ class Recovery(Decision):
         """Whether a model made it, and nothing was cut."""
         return super().is_own and self.clamped is None
 
+    @property
+    def no_answer_about_probes(self) -> str:
+        """The reason why a model gave no usable answer when it was asked whether it needs a probe;
+        empty: it did, or was not asked."""
+        asked = [exchange for exchange in self.exchanges if exchange.stage == "probe"]
+        return asked[-1].refused if asked else ""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Probe(Decision):

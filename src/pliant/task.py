@@ -2,30 +2,21 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter
-
-from pliant import files
+from pliant import files, peg_file, polygon
 from pliant.errors import InputError, unknown, within
-from pliant.files import Fields
 from pliant.levels import Level, load_level
 from pliant.paths import located
-
-Outline = tuple[tuple[float, float], ...]  # corners x, y [m]
+from pliant.peg_file import LENGTHS_MM
+from pliant.polygon import Outline
 
 _SQUARE_ON = 0.9  # cosine of how far a flat side may be turned from the camera
 BLOCK_SIZE = (0.12, 0.12, 0.14)  # x, y, z [m]; the published board is a block with the hole in it
 _CENTRED_MM = 0.05  # of a peg's middle along y from its axis
-LENGTHS_MM = (60, 200)  # of a peg, from the shortest to the longest
-_LEAST_DISTANCE = 0.0005  # [m] of a peg's faces from its axis
-_LEAST_EDGE = 1e-6  # [m]: corners closer than that are one
-_MOST_CORNERS = 200  # each is a piece of the simulated board
 _WIDEST = (0.1, 0.085)  # x, y [m] of a peg: the fingers, which close along y, open 85 mm
 _FINGERS_BELOW_GRASP = 0.038  # [m] at most, however wide the peg is
 _LEAST_CLEARANCE = 0.0001  # [m]: simulated contacts give way by up to a tenth of a millimetre
@@ -64,7 +55,7 @@ class Peg:
                     f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be"
                     f" {LENGTHS_MM[0]} to {LENGTHS_MM[1]} mm"
                 )
-        if self.outline and (fault := _fault(self.outline)):
+        if self.outline and (fault := polygon.fault_of(self.outline)):
             with within("outline"):
                 raise InputError(f"peg '{self.name}': {fault}")
         for axis, half, most in zip("xy", self.half_extents, _WIDEST, strict=True):
@@ -87,7 +78,7 @@ class Peg:
 
     def grown(self, margin: float) -> Outline:
         """The polygon's corners with every edge moved outward by `margin` [m]."""
-        return _grown(self.outline, margin)
+        return polygon.grown(self.outline, margin)
 
     @property
     def half_extents(self) -> tuple[float, float]:
@@ -116,7 +107,7 @@ class Peg:
         """
         if self.radius is not None:
             return (-self.radius, 0.0), (self.radius, 0.0)
-        turned = _turned(self.outline, yaw)
+        turned = polygon.turned(self.outline, yaw)
         # y where the ray through (x, y) meets the plane x = 0; within rounding the nearer is seen
         left = min(turned, key=lambda p: (round(p[1] + slopes[0] * p[0], 9), -p[0]))
         right = max(turned, key=lambda p: (round(p[1] + slopes[1] * p[0], 9), p[0]))
@@ -127,7 +118,7 @@ class Peg:
         camera at +x sees nearly square on; None: it has no such side."""
         if self.radius is not None:
             return None
-        turned = _turned(self.outline, yaw)
+        turned = polygon.turned(self.outline, yaw)
         for (ax, ay), (bx, by) in zip(turned, turned[1:] + turned[:1], strict=True):
             middle_x, length = (ax + bx) / 2, math.hypot(bx - ax, by - ay)
             if middle_x > 0.0 and abs(by - ay) > _SQUARE_ON * length:
@@ -140,7 +131,7 @@ class Peg:
         the axis: what a camera at +x sees in the middle of the top edge."""
         if self.radius is not None:
             return self.radius
-        turned = _turned(self.outline, yaw)
+        turned = polygon.turned(self.outline, yaw)
         found = [x for x, y in turned if abs(y) <= within]
         for (ax, ay), (bx, by) in zip(turned, turned[1:] + turned[:1], strict=True):
             for y in (-within, within):
@@ -232,11 +223,11 @@ class Task:
                 )
         margin = self.hole.clearance / 2 + self.hole.chamfer
         grown = self.peg.grown(margin)
-        if grown and (closed := _reversed_edge(self.peg.outline, grown)):
+        if grown and (closed := polygon.reversed_edge(self.peg.outline, grown)):
             raise InputError(
                 f"peg '{self.peg.name}': its hole, {margin * 1e3:g} mm wider on each side, closes"
-                f" at the edge from {_spoken(*closed[0])} to {_spoken(*closed[1])} mm: lengthen"
-                " that edge, or lessen the clearance or the chamfer"
+                f" at the edge from {polygon.spoken(*closed[0])} to {polygon.spoken(*closed[1])}"
+                " mm: lengthen that edge, or lessen the clearance or the chamfer"
             )
         half = max((abs(v) for p in grown for v in p), default=(self.peg.radius or 0.0) + margin)
         if half > min(BLOCK_SIZE[:2]) / 2 - 0.01:
@@ -308,163 +299,27 @@ def _load_peg(peg: str) -> Task:
     return _peg_task(files.read_yaml(path, "peg file", advice), name)
 
 
-_Signed = Annotated[float, Field(gt=-10_000, lt=10_000)]  # [mm]
-_Length = Annotated[float, Field(gt=0, lt=10_000)]  # [mm]
-
-
-class _PegFile(Fields):
-    """The fields that every shape's peg file may have, in millimetres. Its hole is judged by
-    `Hole`."""
-
-    length_mm: Annotated[float, Field(ge=LENGTHS_MM[0], le=LENGTHS_MM[1])] = 90.0
-    clearance_mm: _Signed = 2.0
-    chamfer_mm: _Signed = 0.0
-
-
-class _Circle(_PegFile):
-    shape: Literal["circle"]
-    diameter_mm: _Length
-
-    def peg(self, name: str, length: float) -> Peg:
-        return Peg(name=name, radius=self.diameter_mm * 1e-3 / 2, length=length)
-
-
-class _Rectangle(_PegFile):
-    shape: Literal["rectangle"]
-    size_x_mm: _Length
-    size_y_mm: _Length
-
-    def peg(self, name: str, length: float) -> Peg:
-        sx, sy = self.size_x_mm * 1e-3 / 2, self.size_y_mm * 1e-3 / 2
-        corners = ((-sx, -sy), (sx, -sy), (sx, sy), (-sx, sy))
-        return Peg(name=name, outline=corners, length=length)
-
-
-class _Polygon(_PegFile):
-    shape: Literal["polygon"]
-    corners_mm: Annotated[tuple[tuple[_Signed, _Signed], ...], Field(min_length=3)]
-
-    def peg(self, name: str, length: float) -> Peg:
-        corners = tuple((x * 1e-3, y * 1e-3) for x, y in self.corners_mm)
-        return Peg(name=name, outline=corners, length=length)
-
-
-_Shape = Annotated[_Circle | _Rectangle | _Polygon, Field(discriminator="shape")]
-_SHAPES: TypeAdapter[_Shape] = TypeAdapter(_Shape)
-
-
 @cache
 def _shipped_peg(name: str) -> Task:
     content = (resources.files("pliant") / "pegs" / f"{name}.yaml").read_bytes()
     return _peg_task(files.parse_yaml(content, f"peg file '{name}'"), name)
 
 
-_WRITTEN = {
-    "radius": ("diameter_mm",),
-    "length": ("length_mm",),
-    "outline": ("corners_mm", "size_x_mm"),
-    "x": ("size_x_mm", "corners_mm", "diameter_mm"),
-    "y": ("size_y_mm", "corners_mm", "diameter_mm"),
-}
-"""The fields of a peg file that may say what a message of `Peg` or `Task` is about."""
-_LEAST_WRITTEN_MM = 0.5  # a size whose numbers are all smaller was meant in metres
-
-
 def _peg_task(document: files.Document, name: str) -> Task:
     fields_given = document.fields()
     try:
-        found = files.checked(document, _SHAPES)
+        found = files.checked(document, peg_file.SHAPES)
         with document.at(("clearance_mm",)):
             hole = Hole(clearance=found.clearance_mm * 1e-3)
         with document.at(("chamfer_mm",)):
             hole = replace(hole, chamfer=found.chamfer_mm * 1e-3)
         try:
-            return Task(peg=found.peg(name, found.length_mm * 1e-3), hole=hole)
+            length = found.length_mm * 1e-3
+            peg = Peg(name=name, radius=found.radius, outline=found.outline, length=length)
+            return Task(peg=peg, hole=hole)
         except InputError as error:
-            names = _WRITTEN.get(str(error.place[0]), ()) if error.place else ()
+            names = peg_file.WRITTEN.get(str(error.place[0]), ()) if error.place else ()
             place = next((n for n in names if n in fields_given), "shape")
             raise document.error((place,), str(error)) from error
     except InputError as error:
-        raise InputError(f"{error}{_metres(fields_given)}") from error
-
-
-def _metres(fields_given: Mapping[str, Any]) -> str:
-    """The question whether metres were meant, where a size is far below a millimetre; else ""."""
-    for name in ("length_mm", "diameter_mm", "size_x_mm", "size_y_mm", "corners_mm"):
-        numbers = [abs(n) for n in _numbers(fields_given.get(name))]
-        if 0 < max(numbers, default=0) < _LEAST_WRITTEN_MM:
-            return f"; is {name} in metres? Write millimetres"
-    return ""
-
-
-def _numbers(value: Any) -> Iterator[float]:
-    if isinstance(value, list):
-        for item in value:
-            yield from _numbers(item)
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield value
-
-
-# --- polygons ------------------------------------------------------------------------------------
-
-
-def _fault(outline: Outline) -> str | None:
-    """The reason why corners are no outline around the origin; None: they are one."""
-    if len(outline) < 3:
-        return f"an outline of {len(outline)} corners; it must have at least 3"
-    if len(outline) > _MOST_CORNERS:
-        return f"an outline of {len(outline)} corners; it must have at most {_MOST_CORNERS}"
-    following = (*outline[1:], outline[0])
-    if all(x * ny - y * nx < 0 for (x, y), (nx, ny) in zip(outline, following, strict=True)):
-        return "its corners go clockwise; list them in the opposite order"
-    turning = 0.0
-    for i, (x, y) in enumerate(outline):
-        nx, ny = outline[(i + 1) % len(outline)]
-        cross = x * ny - y * nx
-        if math.hypot(nx - x, ny - y) < _LEAST_EDGE:
-            return f"its corner {_spoken(x, y)} mm is given twice in a row; give it once"
-        if not cross >= _LEAST_DISTANCE * math.hypot(nx - x, ny - y) > 0:
-            return (
-                f"its edge from {_spoken(x, y)} to {_spoken(nx, ny)} mm does not go"
-                " counter-clockwise around the axis at (0, 0), nowhere nearer to it than"
-                f" {_LEAST_DISTANCE * 1e3:g} mm, as every edge must"
-            )
-        turning += math.atan2(cross, x * nx + y * ny)
-    if not math.isclose(turning, math.tau):
-        return f"its corners go {turning / math.tau:.0f} times around the axis; it must be once"
-    return None
-
-
-def _grown(outline: Outline, margin: float) -> Outline:
-    """An outline with every edge moved outward by `margin` [m], and as long as it then must be to
-    meet the next."""
-    normals = []
-    for (ax, ay), (bx, by) in zip(outline, outline[1:] + outline[:1], strict=True):
-        length = math.hypot(bx - ax, by - ay)
-        normals.append(((by - ay) / length, (ax - bx) / length))
-    grown = []
-    for i, (x, y) in enumerate(outline):
-        (px, py), (nx, ny) = normals[i - 1], normals[i]
-        scale = margin / (1 + px * nx + py * ny)
-        grown.append((x + (px + nx) * scale, y + (py + ny) * scale))
-    return tuple(grown)
-
-
-def _reversed_edge(
-    outline: Outline, grown: Outline
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """The first edge that vanished when the outline grew."""
-    for i, (a, ga) in enumerate(zip(outline, grown, strict=True)):
-        b, gb = outline[(i + 1) % len(outline)], grown[(i + 1) % len(outline)]
-        if (b[0] - a[0]) * (gb[0] - ga[0]) + (b[1] - a[1]) * (gb[1] - ga[1]) <= 0:
-            return a, b
-    return None
-
-
-def _turned(outline: Outline, yaw: float) -> Outline:
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return tuple((cos * x - sin * y, sin * x + cos * y) for x, y in outline)
-
-
-def _spoken(x: float, y: float) -> str:
-    return f"({x * 1e3:g}, {y * 1e3:g})"
+        raise InputError(f"{error}{peg_file.metres(fields_given)}") from error

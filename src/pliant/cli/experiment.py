@@ -18,7 +18,7 @@ from pliant.cli.ranges import Ranges
 from pliant.cli.tables import made_of
 from pliant.console import Console
 from pliant.errors import InputError
-from pliant.experiment import growth, plan, price, runner
+from pliant.experiment import growth, holdings, plan, price, runner
 from pliant.experiment.cells import WHOLE, Experiment
 from pliant.experiment.measures import is_undecided
 from pliant.experiment.one import whole
@@ -171,7 +171,7 @@ def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Conso
     if not ended.complete:
         console.print(f"{ended.done} of {ended.total} trials are done; the same command goes on")
         return signals.exit_status() if ended.interrupted else 1
-    larger = growth.planned(runner.held(out)) > len(planned)
+    larger = growth.planned(holdings.held(out)) > len(planned)
     part = {spec.trial_id for spec in planned.specs()} if larger else None
     document = made_of(out, part)
     text = markdown(document)

@@ -27,7 +27,7 @@ from pliant.cli.ranges import Ranges
 from pliant.cli.steps import counted
 from pliant.console import Lasting, say
 from pliant.errors import InputError, PliantError, described
-from pliant.experiment import faults, journal, plan, results, runner
+from pliant.experiment import faults, holdings, journal, plan, results
 from pliant.experiment.cells import WHOLE, Experiment
 from pliant.experiment.measures import is_undecided, model_share
 from pliant.experiment.one import Spec, perform, whole
@@ -146,7 +146,7 @@ def _free_folder(experiment: Experiment, folder: Path) -> Path:
     """The folder, or the first of its numbered sisters that holds no other configuration: what was
     run before the goals, the code or a reasoner's file changed is kept."""
     sisters = (folder.with_name(f"{folder.name}.{n}") for n in count(2))
-    return next(f for f in chain([folder], sisters) if runner.may_hold(experiment, f))
+    return next(f for f in chain([folder], sisters) if holdings.may_hold(experiment, f))
 
 
 def _replaced(page: Path, *, video: bool) -> str:
@@ -232,7 +232,7 @@ def _is_done(trial: Trial) -> bool:
 @contextmanager
 def _opened(experiment: Experiment, folder: Path) -> Iterator[journal.Journal]:
     """The run's folder and journal as a context, made and tried before anything moves."""
-    runner.prepare(experiment, folder)
+    holdings.prepare(experiment, folder)
     with journal.Journal(folder / journal.FILE) as book:
         yield book
 
@@ -325,6 +325,8 @@ class _Teller:
         for probed in execution.probes:
             self.say(f"      probe {probed}")
         if execution.recovery is not None:
+            if silent := execution.recovery.no_answer_about_probes:
+                self._loud(f"      no usable answer, when asked whether it needs a probe: {silent}")
             self._instead("planned", execution.recovery.fallback)
             if execution.recovery.clamped is not None:
                 self._loud("      the model's plan was cut down to what may be done")

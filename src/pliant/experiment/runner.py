@@ -4,27 +4,24 @@ The journal is the truth: a trial is finished when its line is on the disk. What
 command goes on from there, and the results do not depend on who performed what, or when.
 """
 
-import json
 import os
 import re
-from array import array
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from pliant import store
 from pliant.errors import InputError
-from pliant.experiment import faults, growth, journal, measures, one, results
+from pliant.experiment import faults, holdings, journal, measures, results
 from pliant.experiment.cells import Experiment
 from pliant.experiment.engine import Ended, Engine, Local, Work
+from pliant.experiment.places import Places
 from pliant.experiment.progress import Silent, Watcher
 from pliant.experiment.rows import Rows, decided, lost
 from pliant.experiment.work import Job, Save, perform_job
-from pliant.files import write_bytes
 from pliant.own import own_file
 from pliant.paths import located
 from pliant.reasoners import refuse_silent
@@ -105,10 +102,10 @@ def run(
             " name its folder (--out)"
         )
     expected = experiment.expected  # as planned: a file may be changed while it runs
-    prepare(experiment, folder, grows=True)
+    holdings.prepare(experiment, folder, grows=True)
     path = folder / journal.FILE
     with journal.Journal(path) as book, watcher or Silent() as seen:
-        place, faulted, unkept = _Places(experiment, held(folder)), dict[str, str](), 0
+        place, faulted, unkept = Places(experiment, holdings.held(folder)), dict[str, str](), 0
         for entry in journal.scan(path):
             cell = place.put(entry.trial_id, entry.offset, path)
             if cell is None:
@@ -295,82 +292,8 @@ def _tried(engine: Engine, jobs: Iterator[Job]) -> Iterator[Job]:
     return chain([first], jobs)
 
 
-def prepare(experiment: Experiment, folder: Path, *, grows: bool = False) -> None:
-    """Make the output folder, with run.json; or see that it belongs to this experiment, or, where
-    it `grows`, that this one adds to what it holds: then run.json says so from here on.
-
-    Raises:
-        InputError: it holds something else, or results of another configuration, or another run
-            is writing to it.
-    """
-    store.prepare_folder(folder)
-    document = growth.fingerprinted(experiment.document)
-    run_file = folder / store.RUN
-    if not run_file.exists():
-        with journal.Journal(folder / journal.FILE):  # of several that start together, one
-            if not run_file.exists():
-                store.write_run_json(folder, configuration=document, **_minds(experiment))
-    before = held(folder)
-    if before.get("fingerprint") == document["fingerprint"]:
-        return
-    if not grows and (holds := growth.planned(before)) > len(experiment):
-        raise InputError(
-            f"output folder '{folder}' holds an experiment of {holds} trials, whose tables a single"
-            " trial would replace: choose another folder (--out), or add to it with `pliant"
-            " experiment`"
-        )
-    after = growth.grown(before, document, folder)
-    if after is before:
-        return
-    if not grows:
-        raise InputError(
-            f"output folder '{folder}' holds another trial: choose another folder, or remove it"
-        )
-    with journal.Journal(folder / journal.FILE):
-        run = json.loads(run_file.read_bytes())
-        after = growth.grown(held(folder), document, folder)
-        for name, value in _minds(experiment).items():
-            named = [n for text in (run.get(name), value) if text for n in text.split(", ")]
-            run[name] = ", ".join(dict.fromkeys(named)) or None
-        run["configuration"] = after
-        write_bytes(run_file, (json.dumps(run, indent=2) + "\n").encode())
-        for name in (results.TRIALS_FILE, results.EXECUTIONS_FILE):  # written again in the end
-            (folder / name).unlink(missing_ok=True)
-
-
-def _minds(experiment: Experiment) -> dict[str, Any]:
-    reasoners = dict.fromkeys(c.names[-1] for c in experiment.cells)
-    models = ", ".join(dict.fromkeys(experiment.models))
-    return {"reasoner": ", ".join(reasoners), "model": models or None}
-
-
-def may_hold(experiment: Experiment, folder: Path) -> bool:
-    """Whether a folder holds nothing yet, or results of this very experiment."""
-    if not (folder / store.RUN).exists():
-        return store.is_unused(folder)
-    return bool(held(folder).get("fingerprint") == experiment.fingerprint)
-
-
-def held(folder: Path) -> growth.Document:
-    """The document of what a result folder holds, of all calls that added to it.
-
-    Raises:
-        InputError: run.json is broken, or of no experiment.
-    """
-    run_file = folder / store.RUN
-    try:
-        configuration = json.loads(run_file.read_bytes())["configuration"]
-        for cell in configuration["cells"]:
-            growth.seeds(configuration, cell), growth.names(cell)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"'{run_file}' is broken ({error}): choose another folder, or remove this one"
-        ) from error
-    return configuration
-
-
 def _engine(
-    work: Work, workers: int | None, ray: str | None, time_limit_s: float, place: "_Places"
+    work: Work, workers: int | None, ray: str | None, time_limit_s: float, place: Places
 ) -> Engine:
     if ray is not None:
         from pliant.experiment.on_ray import OnRay
@@ -409,81 +332,3 @@ def _rows(over: Ended, tries: int, cell: str) -> Rows:
         return over.rows
     message = f"{over.message}, {tries} times" if tries else over.message
     return lost(over.job.spec, over.problem, message, wall_s=0.0, cell=cell)
-
-
-class _Places:
-    """The places of the trials' lines in the journal, in canonical order, by cell and seed, of all
-    that the folder holds; -1: not finished. It takes eight bytes a trial."""
-
-    def __init__(self, experiment: Experiment, document: growth.Document) -> None:
-        self._cells: dict[str, tuple[int, range]] = {}  # where each one's trials begin; its seeds
-        total = 0
-        for cell in document["cells"]:
-            seeds = growth.seeds(document, cell)
-            self._cells[one.trial_id(growth.names(cell), 0).rpartition("-")[0]] = total, seeds
-            total += len(seeds)
-        self.offsets = array("q", [-1]) * total
-        self._asked = {
-            cell.spec(0).trial_id.rpartition("-")[0]: i for i, cell in enumerate(experiment.cells)
-        }
-        self._seeds = range(experiment.first_seed, experiment.first_seed + experiment.trials)
-        self._wanted = len(experiment)
-        self.done = 0
-        """Finished trials of those that are asked for."""
-
-    @property
-    def missing(self) -> int:
-        return self._wanted - self.done
-
-    @property
-    def finished(self) -> list[int]:
-        """The places of all finished trials' lines."""
-        return [offset for offset in self.offsets if offset >= 0]
-
-    def has(self, name: str) -> bool:
-        """Whether a trial of the experiment is finished."""
-        prefix, _, seed = name.rpartition("-")
-        base, seeds = self._cells[prefix]
-        return self.offsets[base + seeds.index(int(seed))] >= 0
-
-    def put(self, name: str, offset: int, path: Path) -> int | None:
-        """Note the place of a trial's line; return the trial's cell, None where this call does not
-        ask for the trial.
-
-        Raises:
-            InputError: the trial is not of what the folder holds, or was there before.
-        """
-        cell, index = self._index(name, path)
-        if self.offsets[index] >= 0:
-            raise InputError(
-                f"journal '{path}' holds trial '{name}' twice: delete one of its lines"
-            )
-        self.offsets[index] = offset
-        self.done += cell is not None
-        return cell
-
-    def forget(self, name: str, path: Path) -> None:
-        """Take a trial as not finished, so that it is performed again."""
-        cell, index = self._index(name, path)
-        self.offsets[index] = -1
-        self.done -= cell is not None
-
-    def find_again(self, path: Path) -> None:
-        """Find the places of the finished trials' lines in the journal again."""
-        for entry in journal.scan(path):
-            index = self._index(entry.trial_id, path)[1]
-            if self.offsets[index] >= 0:
-                self.offsets[index] = entry.offset
-
-    def _index(self, name: str, path: Path) -> tuple[int | None, int]:
-        """A trial's cell, where it is asked for, and its place in canonical order."""
-        prefix, _, seed = name.rpartition("-")
-        base, seeds = self._cells.get(prefix, (0, range(0)))
-        number = int(seed) if seed.isdecimal() else -1
-        if number not in seeds:
-            raise InputError(
-                f"journal '{path}' holds trial '{name}', which is not of this experiment: choose"
-                " another folder"
-            )
-        cell = self._asked.get(prefix) if number in self._seeds else None
-        return cell, base + seeds.index(number)

@@ -56,8 +56,15 @@ def recovery(executions: Sequence[Execution], index: int, pictures: Pictures) ->
 
 
 def _departures(found: Recovery) -> Html:
-    """Notices where the plan is not the model's own, plainly."""
+    """Notices where the plan is not the model's own, or it was silent about probes, plainly."""
     notices = []
+    if found.no_answer_about_probes:
+        notices.append(
+            notice(
+                "No usable answer, when asked whether it needs a probe:"
+                f" {found.no_answer_about_probes}"
+            )
+        )
     if found.fallback:
         notices.append(notice(f"The rules planned in the model's place: {found.fallback}"))
     if found.clamped is not None:
