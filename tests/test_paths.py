@@ -89,6 +89,12 @@ def test_a_path_that_nothing_can_have_is_refused_in_one_line(
     assert shortened(f"'{tmp_path}/a'") == f"'{tmp_path}/a'"
 
 
+@pytest.mark.parametrize("address", ["s3://bucket/runs", "gs:/bucket", "hdfs://node:9000/runs"])
+def test_an_address_is_no_folder(address: str) -> None:
+    with pytest.raises(InputError, match="is an address .* files and folders only"):
+        located(Path(address))
+
+
 def test_a_person_sees_what_lies_below_the_current_folder_without_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 import gc
 import math
+import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -270,6 +271,16 @@ def test_the_same_seed_gives_the_same_trajectory_after_another_peg() -> None:
     first = trajectory_of(cell, "all", 3, "none")
     cell.prepare(load_task("square"), Setup(seed=0))
     assert trajectory_of(cell, "all", 3, "none").qpos.tobytes() == first.qpos.tobytes()
+
+
+def test_a_cell_holds_the_model_of_its_last_peg_alone() -> None:
+    cell = SimCell()
+    robots = [
+        weakref.ref(cell.prepare(load_task(peg), Setup(seed=0)))
+        for peg in ("circle", "square", "circle")
+    ]
+    gc.collect()
+    assert [robot() is None for robot in robots] == [True, True, False]
 
 
 def test_another_seed_gives_another_trajectory() -> None:

@@ -6,9 +6,12 @@ as they are read, since a worker, on this machine or another, has a current fold
 """
 
 import os
+import re
 from pathlib import Path
 
 from pliant.errors import InputError
+
+_ADDRESS = re.compile("[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # longer than a drive's letter
 
 
 def located(path: str | Path, folder: Path | None = None) -> Path:
@@ -16,10 +19,16 @@ def located(path: str | Path, folder: Path | None = None) -> Path:
     `~` is the home folder. Links stay as they are written.
 
     Raises:
-        InputError: it holds a zero byte, or counts from a current folder that is gone.
+        InputError: it holds a zero byte, is an address such as s3://bucket/results, or counts from a
+            current folder that is gone.
     """
     if "\0" in str(path):
         raise InputError(f"the path {str(path)!r} holds a zero byte: no file is named so")
+    if address := _ADDRESS.match(str(path)):
+        raise InputError(
+            f"'{path}' is an address ({address[0]}), and pliant reads and writes files and folders"
+            " only: name one on a disk, and copy what you want to keep afterwards"
+        )
     home = os.path.expanduser(path)  # noqa: PTH111, unlike Path's it takes ~ without such a user
     place = Path(home) if folder is None else folder / home
     return place if place.is_absolute() else current_folder() / place

@@ -14,13 +14,10 @@ from pliant.errors import InputError, PliantError, described
 from pliant.experiment import decides
 from pliant.experiment.one import Spec, perform
 from pliant.experiment.rows import Rows, lost, rows_of
-from pliant.task import Task
 from pliant.teaching import Teaching
 
 if TYPE_CHECKING:
     from pliant.sim.cell import SimCell
-
-_KEPT_CELLS = 3  # compiled models, tens of MB each; an experiment goes peg by peg
 
 
 class Save(StrEnum):
@@ -60,7 +57,7 @@ def perform_job(job: Job) -> Rows:
     """
     if job.expected is not None:
         decides.check(job.spec, job.expected)
-    cell = _cell(job.spec.task)
+    cell = _cell()
     if job.only_try:
         attempt(cell, job.spec)
         return lost(job.spec, "tried", "", wall_s=0.0)
@@ -100,8 +97,9 @@ def recording(folder: Path | None, spec: Spec) -> Path | None:
     return None if folder is None or spec.vlm is None else folder / f"{spec.trial_id}.jsonl"
 
 
-@lru_cache(maxsize=_KEPT_CELLS)
-def _cell(task: Task) -> "SimCell":
+@lru_cache(maxsize=1)
+def _cell() -> "SimCell":
+    """The worker's cell, which holds the model of its last task: an experiment goes peg by peg."""
     os.environ.setdefault("LP_NUM_THREADS", "0")  # software OpenGL: one core a worker
     from pliant.sim.cell import SimCell
 

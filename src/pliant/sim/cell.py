@@ -61,6 +61,7 @@ class SimCell:
         if self._robot is None or task != self._task:
             if self._robot is not None:
                 self._robot.cameras.close()
+                self._robot = None  # gone before the next is compiled: half the memory
             self._robot, self._task = SimRobot(task), task
         self._robot.reset(setup)
         return self._robot

