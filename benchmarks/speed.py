@@ -10,7 +10,7 @@ import argparse
 import os
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -68,10 +68,14 @@ class Clock:
 def skills_only(robot: SimRobot) -> None:
     """The five skills with the taught goals; looks take no picture."""
     goals = shipped().goals
+
+    def look(cameras: Sequence[str] = ()) -> Look:
+        return Look(observation=robot.observe(cameras=()), scene=Scene(peg=None, hole=None))
+
     for formation in Formation:
         PlanarSkills(taught=goals)(
             robot,
-            lambda: Look(observation=robot.observe(cameras=()), scene=Scene(peg=None, hole=None)),
+            look,
             goals.target(formation),
             goals.step(formation),
             Belief(),

@@ -39,7 +39,7 @@ class Watch(Silent):
     def __init__(self) -> None:
         self.ends: list[float] = []
 
-    def finished(self, cell: int, inserted: bool | None) -> None:
+    def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         self.ends.append(time.perf_counter())
 
 
@@ -52,7 +52,7 @@ class Stops(Silent):
     def say(self, text: str) -> None:
         self.read = self.read or time.perf_counter()
 
-    def finished(self, cell: int, inserted: bool | None) -> None:
+    def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         self.first = time.perf_counter()
         raise KeyboardInterrupt
 

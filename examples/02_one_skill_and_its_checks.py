@@ -1,5 +1,7 @@
 """Drive the cell yourself: the first three skills, and every check of the last one."""
 
+from collections.abc import Sequence
+
 from pliant.belief import Belief
 from pliant.conditions import Setup
 from pliant.envelope import Guarded, Limits
@@ -18,8 +20,8 @@ method = Planar()
 skill = method.skill(task, taught, Limits())
 
 
-def look() -> Look:
-    observation = robot.observe()
+def look(cameras: Sequence[str] = ("side",)) -> Look:
+    observation = robot.observe(cameras)
     return Look(observation=observation, scene=measure(observation.views["side"], task))
 
 

@@ -7,16 +7,20 @@ from dataclasses import dataclass, replace
 import gymnasium
 import numpy as np
 
+from pliant.belief import Belief
+from pliant.cell import Motion, Robot
 from pliant.conditions import condition
+from pliant.envelope import Limits
 from pliant.envs.insertion import STATE  # this registers the environments
-from pliant.formations import Formation
+from pliant.formations import Formation, Step
 from pliant.methods import Method, Skill
 from pliant.methods.planar import Planar
+from pliant.pose import Pose
 from pliant.reasoners.rules import Rules
-from pliant.records import Outcome
+from pliant.records import Looking, Outcome
 from pliant.sim.cell import SimCell
-from pliant.task import load_task
-from pliant.teaching import shipped
+from pliant.task import Task, load_task
+from pliant.teaching import Teaching, shipped
 from pliant.trial import Run
 
 TASK, TAUGHT, TRAIN, HELD_OUT = load_task("circle"), shipped(), (1, 2, 3), range(100, 106)
@@ -56,13 +60,14 @@ class ByFeel(Planar):
 
     weights: np.ndarray
 
-    def skill(self, task, teaching, limits) -> Skill:
+    def skill(self, task: Task, teaching: Teaching, limits: Limits) -> Skill:
         papers = super().skill(task, teaching, limits)
 
-        def act(robot, look, target, step, belief) -> Outcome:
+        def act(robot: Robot, look: Looking, target: Pose, step: Step, belief: Belief) -> Outcome:
             if step != teaching.goals.step(Formation.FIT):
                 return papers(robot, look, target, step, belief)
-            aim, motions, part = replace(target, y=robot.observe(cameras=()).pose.y), [], -1.0
+            aim, part = replace(target, y=robot.observe(cameras=()).pose.y), -1.0
+            motions: list[Motion] = []
             while abs(part) > 0.1 and len(motions) < 40:
                 part = move(self.weights, robot.observe(cameras=()).compression_m)
                 aim = replace(aim, y=aim.y + 0.003 * part)

@@ -5,6 +5,7 @@ their place on other seeds. The judge stays the rules'. Needs `pliant[gym]`.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -25,13 +26,15 @@ EPISODES, HELD_OUT = 12, range(100, 106)
 def record() -> tuple[np.ndarray, np.ndarray]:
     """Cases (n, fields) and the rules' answers to them (n, 5)."""
     env = gymnasium.make("pliant/Recovery-v0")
+    recovering: Any = env.unwrapped
     cases, answers = [], []
     for episode in range(EPISODES):
         observation, _ = env.reset(seed=1 if episode == 0 else None)
         done = False
         while not done:
-            question = env.unwrapped.question
+            question = recovering.question
             recovery = Rules().recover(question.case, question.verdict)
+            assert recovery is not None
             cases.append(observation)
             answers.append(as_action(recovery, question.case))
             observation, _, terminated, truncated, _ = env.step(answers[-1])

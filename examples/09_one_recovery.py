@@ -26,6 +26,7 @@ verdict = rules.judge(case)
 print(f"{case.outcome.step.formation} failed: {verdict.reason}")
 for name in ("rules", "messages", "sweep"):
     recovery = reasoner(name).recover(case, verdict)
+    assert recovery is not None
     print(f"{name}: {recovery.analysis.what}; {recovery.analysis.how}")
     for step in admit(recovery, case, Limits()).steps:
         print("   ", step)

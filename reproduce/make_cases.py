@@ -296,7 +296,7 @@ def stale(found: Found) -> Case | None:
     belief = Belief()
     for o in outcomes:
         for look in o.looks:
-            looked = Seen(formation=o.step.formation, pose=look.observation.pose, scene=look.scene)
+            looked = Seen(step=o.step, pose=look.observation.pose, scene=look.scene)
             belief = Planar().believe(belief, looked, case.teaching)
     return replace(
         case,
@@ -432,7 +432,11 @@ def _reaching(cell: SimCell, found: Found, steps: tuple[Step, ...]) -> tuple[flo
     changes = TRIED_Z_M if axis is Axis.Z else TRIED_M
     goals = sorted({own, *(in_force + float(change) for change in changes)})
     robot = cell.prepare(found.case.task, found.setup)
-    skill, unseen = Planar(taught=found.case.teaching.goals), found.case.outcome.looks[-1]
+    case = found.case
+    skill = Planar().skill(case.task, case.teaching, Limits())
+
+    def look(cameras: Sequence[str] = ()) -> Look:
+        return case.outcome.looks[-1]
 
     def reaches(goal: float) -> bool:
         step = replace(first, goal={axis: goal})
@@ -442,7 +446,7 @@ def _reaching(cell: SimCell, found: Found, steps: tuple[Step, ...]) -> tuple[flo
         found.state.restore(robot)
         changed = found.case.goals.updated(step)
         target = changed.target(step.formation)
-        outcome = skill(robot, lambda: unseen, target, step, Belief())
+        outcome = skill(robot, look, target, step, Belief())
         return succeeded(replace(found.case, goals=changed, outcome=outcome), cell.truth())
 
     runs = [list(run) for does, run in groupby(goals, key=reaches) if does]

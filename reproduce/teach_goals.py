@@ -11,6 +11,7 @@ going down until the wrist gives. Fit's over-travel decides the baseline's succe
 
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from pliant.belief import Belief
@@ -65,10 +66,14 @@ def main(path: Path, fit_y: float) -> None:
     )
     robot = Guarded(cell.prepare(task, nominal), Limits())
     skill, demonstrations = PlanarSkills(taught=goals), {}
+
+    def look(cameras: Sequence[str] = ("side",)) -> Look:
+        return Look(observation=robot.observe(cameras), scene=Scene(peg=None, hole=None))
+
     for formation in Formation:
         outcome = skill(
             robot,
-            lambda: Look(observation=robot.observe(), scene=Scene(peg=None, hole=None)),
+            look,
             goals.target(formation),
             goals.step(formation),
             Belief(),

@@ -91,7 +91,7 @@ def test_a_path_that_nothing_can_have_is_refused_in_one_line(
 
 @pytest.mark.parametrize("address", ["s3://bucket/runs", "gs:/bucket", "hdfs://node:9000/runs"])
 def test_an_address_is_no_folder(address: str) -> None:
-    with pytest.raises(InputError, match="is an address .* files and folders only"):
+    with pytest.raises(InputError, match=r"is an address .* files and folders only"):
         located(Path(address))
 
 

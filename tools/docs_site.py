@@ -30,7 +30,7 @@ class FieldComments(Extension):
     """The comment behind a field, which holds its shape and unit, documents the field."""
 
     def on_attribute(self, *, attr: Attribute, **_: object) -> None:
-        if attr.docstring is None and attr.lineno is not None:
+        if attr.docstring is None and attr.lineno is not None and isinstance(attr.filepath, Path):
             line = attr.lines_collection[attr.filepath][attr.lineno - 1]
             comment = line.partition("  # ")[2].partition("  # ")[0].strip()
             if comment and not comment.startswith(("noqa", "type:")):

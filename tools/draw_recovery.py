@@ -78,7 +78,8 @@ def pictures(task: Task, trial: Trial, trajectory: Trajectory) -> Iterator[Pictu
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
             large = cameras.image(CAMERA, data)
-            picture = cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+            small = cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+            picture = small.astype(np.uint8, copy=False)
             drawn = shot.sample
         yield np.vstack([picture, caption(trial, shot)])
 
@@ -142,9 +143,11 @@ def caption(trial: Trial, shot: Shot) -> Picture:
 
 def written(path: Path, frames: Iterable[Picture]) -> None:
     """Write the frames as an animation that repeats for ever, with one palette for all of them."""
-    size, beat = {"width": WIDTH, "height": HEIGHT + CAPTION}, Fraction(1, FPS)
+    width, height, beat = WIDTH, HEIGHT + CAPTION, Fraction(1, FPS)
     graph = av.filter.Graph()
-    source = graph.add_buffer(format="rgb24", time_base=beat, **size)
+    source = graph.add_buffer(
+        width=width, height=height, format=av.VideoFormat("rgb24"), time_base=beat
+    )
     split, sink = graph.add("split"), graph.add("buffersink")
     palette = graph.add("palettegen", f"max_colors={COLOURS}")
     use = graph.add("paletteuse", "dither=none:diff_mode=rectangle")
@@ -164,10 +167,12 @@ def written(path: Path, frames: Iterable[Picture]) -> None:
     source.push(None)
     with av.open(str(path), "w", options={"loop": "0"}) as container:
         stream = container.add_stream("gif", rate=FPS)
-        stream.width, stream.height, stream.pix_fmt = *size.values(), "pal8"
+        stream.width, stream.height, stream.pix_fmt = width, height, "pal8"
         with suppress(av.EOFError):  # how the graph says that there are no more
             while True:
-                container.mux(stream.encode(sink.pull()))
+                shown = sink.pull()
+                assert isinstance(shown, av.VideoFrame)
+                container.mux(stream.encode(shown))
         container.mux(stream.encode())
 
 

@@ -19,8 +19,8 @@ def located(path: str | Path, folder: Path | None = None) -> Path:
     `~` is the home folder. Links stay as they are written.
 
     Raises:
-        InputError: it holds a zero byte, is an address such as s3://bucket/results, or counts from a
-            current folder that is gone.
+        InputError: it holds a zero byte, is an address such as s3://bucket/results, or counts
+            from a current folder that is gone.
     """
     if "\0" in str(path):
         raise InputError(f"the path {str(path)!r} holds a zero byte: no file is named so")

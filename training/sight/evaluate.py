@@ -65,16 +65,16 @@ def errors(hanging: Picture, picture: Picture, seed: int) -> dict[str, dict[str,
         offset = offset_between((y, z), raw.peg)
     aside = aside_of(picture, random)
     times = [time.perf_counter()]
-    scenes = []
-    for way in (measure_edges, measure_learned):
-        scenes.append(measured(way, picture, aside, offset))
-        times.append(time.perf_counter())
+    edges = measured(measure_edges, picture, aside, offset)
+    times.append(time.perf_counter())
+    learned = measured(measure_learned, picture, aside, offset)
+    times.append(time.perf_counter())
     view = View(camera=picture.camera, time_s=0.0, image=picture.image)
-    both = joined(*scenes, view, picture.task, picture.pose, aside=aside, offset=offset)
+    both = joined(edges, learned, view, picture.task, picture.pose, aside=aside, offset=offset)
     spent = (times[1] - times[0], times[2] - times[1], times[2] - times[0])
     return {
         way: {"ms": 1e3 * seconds, **_off(scene, picture)}
-        for way, scene, seconds in zip(WAYS, (*scenes, both), spent, strict=True)
+        for way, scene, seconds in zip(WAYS, (edges, learned, both), spent, strict=True)
     }
 
 

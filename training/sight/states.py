@@ -25,6 +25,7 @@ from pliant.sim.cell import SimCell, SimRobot
 from pliant.task import Peg, Task, load_task, on_level, shipped_pegs
 from pliant.teaching import shipped
 from pliant.trial import Run
+from pliant.vision.measure import Colours
 from pliant.vision.scene import Across, HoleSeen, Measured, PegSeen, Scene
 
 _SD_M, _SD_RAD = 0.0003, math.radians(0.2)  # of what the method is told
@@ -89,6 +90,8 @@ class Undrawn:
 class Told:
     """A sight that is told the truth, with a little noise, and keeps the states in which it
     looked."""
+
+    colours: Colours | None = None  # it needs none
 
     def __init__(self, cell: SimCell, robot: SimRobot, random: np.random.Generator) -> None:
         self._cell, self._robot, self._random = cell, robot, random
