@@ -380,6 +380,11 @@ class Case:
     probes: tuple[Probed, ...] = ()
     probes_left: int = 0
 
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """The outcomes of all executions so far, the last one's included."""
+        return (*(execution.outcome for execution in self.history), self.outcome)
+
 
 class End(StrEnum):
     """The way in which a trial ended. A fault is written `fault:<kind>`."""

@@ -20,15 +20,7 @@ from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
 from pliant.methods import Method
 from pliant.pose import Pose
-from pliant.records import (
-    Aborted,
-    Case,
-    End,
-    Execution,
-    Look,
-    Recovery,
-    Verdict,
-)
+from pliant.records import Aborted, Case, End, Execution, Look, Recovery, Verdict
 from pliant.recovery import Inquirer, Reasoner, admit
 from pliant.task import Task
 from pliant.teaching import Teaching

@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.belief import Belief, Seen
 from pliant.cell import Motion, Robot, Stop
+from pliant.checks import half_hole
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
 from pliant.formations import Step
@@ -53,7 +54,6 @@ class Manner:
     limits: Limits = field(default_factory=Limits)
     lacks: frozenset[str] = frozenset()
     free_speed_m_s: float = 0.05
-    contact_speed_m_s: float = 0.02
     guarded_speed_m_s: float = 0.03
     turning_speed_m_s: float = 0.10  # of the arc at the tip's distance; a turn about z moves no tip
     compression_limit_m: float = LIMIT_M  # from free hang
@@ -165,12 +165,12 @@ class Hand:
         """Move by so much [m] along the hole's axes."""
         here = self.frame.inside(self.at)
         there = replace(here, x=here.x + x, y=here.y + y, z=here.z + z)
-        self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
+        self.to(self.frame.outside(there), self._manner.limits.contact_speed_m_s)
 
     def inside(self, **axes: float) -> None:
         """Move to these values of the hole's frame [m, rad]; the others stay."""
         there = replace(self.frame.inside(self.at), **axes)
-        self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
+        self.to(self.frame.outside(there), self._manner.limits.contact_speed_m_s)
 
     def dither(self, angle: float) -> None:
         """Turn the hand about z by so much to either side [rad], and back."""
@@ -259,7 +259,7 @@ class Hand:
             if abs(error) < _TRIMMED:
                 return
             z = self.at.z - bounded(error, 0.008)
-            self.to(replace(self.at, z=z), self._manner.contact_speed_m_s)
+            self.to(replace(self.at, z=z), self._manner.limits.contact_speed_m_s)
             self.robot.settle(0.1)
 
     def _move(self, pose: Pose, speed: float, limit: float) -> None:
@@ -327,7 +327,7 @@ class Hand:
         cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
         x, y = seen.tip[0] - frame.x, seen.tip[1] - frame.y
         half = peg.tip_y.value - peg.left_y
-        wall = task.peg.half_extents[1] + task.hole.clearance / 2
+        wall = half_hole(task)
         return Corner(
             x=cos * x + sin * y if FRONT in cameras else 0.0,
             y=y / cos - half + wall if FRONT not in cameras else cos * y - sin * x - half + wall,
