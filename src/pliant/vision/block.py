@@ -13,7 +13,7 @@ FRONT_X = BLOCK_SIZE[0] / 2
 """The x [m] of the face toward a camera at +x, of a block that is not turned."""
 
 
-def upright_edges(y: float = 0.0, yaw: float = 0.0, x: float = 0.0) -> list[tuple[float, float]]:
+def upright_edges(x: float, y: float, yaw: float) -> list[tuple[float, float]]:
     """Places x and y [m] of the four upright edges of a block turned by `yaw` [rad] with its axis
     at x and y: the two behind and then the two in front, each from left to right."""
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -30,7 +30,7 @@ def corners_px(camera: Camera, x: float, y: float, surface: float, yaw: float) -
     return np.array(
         [
             camera.project(np.array([a, b, z]))
-            for a, b in upright_edges(y, yaw, x)
+            for a, b in upright_edges(x, y, yaw)
             for z in (surface - BLOCK_SIZE[2], surface)
         ]
     )

@@ -239,7 +239,7 @@ def _block_at(
     of its nearest face."""
     columns = [
         camera.project(np.array([at_x, at_y, camera.position[2]]))[0]
-        for at_x, at_y in upright_edges(y, yaw)
+        for at_x, at_y in upright_edges(0.0, y, yaw)
     ]
     return (min(columns), max(columns)), (columns[2], columns[3])
 

@@ -192,7 +192,7 @@ def _middle_of_block(camera: Camera, left_u: float, right_u: float, yaw: float) 
     """The y [m] of the block's axis from the columns of its outermost vertical edges: of the near
     face where the block faces the camera, of opposite corners where it is turned."""
     distance = abs(float(camera.position[0]))
-    ordered = sorted(upright_edges(yaw=yaw), key=lambda edge: edge[1] / (distance - edge[0]))
+    ordered = sorted(upright_edges(0.0, 0.0, yaw), key=lambda edge: edge[1] / (distance - edge[0]))
     middles = []
     for u, (x, y) in ((left_u, ordered[0]), (right_u, ordered[-1])):
         at, _ = camera.on_plane_x(u, camera.height / 2, x)
@@ -223,13 +223,11 @@ def _peg(
     bottom = sorted(box, key=lambda p: p[1])[2:]
     edge = max(bottom)
 
-    covered = covered_px(camera) if hand_yaw else 0.0
-    sides = long_edges(contour, center, math.radians(tilt_deg), hole, covered)
+    sides = long_edges(contour, center, tilt_deg, camera, hole, hand_yaw)
     if sides is None:
         problems.append("no peg: its long edges are not visible")
         return None
-    (left_point, left_tilt), (right_point, right_tilt), visible_px = sides
-    tilt = (left_tilt + right_tilt) / 2
+    left_point, right_point, tilt, visible_px = sides
     axis = np.array([-math.sin(tilt), -math.cos(tilt)])  # up along the peg, in pixels
     across = np.array([math.cos(tilt), -math.sin(tilt)])  # to the right
     middle = (left_point + right_point) / 2
@@ -305,24 +303,25 @@ def wider_than(
     return Measured(value=seen - (right_y - left_y), sd=_WIDTH_SD)
 
 
-def covered_px(camera: Camera) -> float:
-    """The length [px], down from its top, over which a turned gripper may hide a peg's edges."""
-    return _FINGERS_M / camera.metres_per_pixel(0.0)
-
-
 def long_edges(
-    contour: Points, center: Pixel, tilt: float, hole: HoleSeen | None, covered: float = 0.0
-) -> tuple[tuple[Points, float], tuple[Points, float], float] | None:
-    """A point and the tilt [rad] of the peg's left and right edge, and their visible length [px].
-    The fingers of a turned hand hide some of an edge, as far as `covered` [px] from the peg's top;
-    what is below is used where it is long enough.
+    contour: Points,
+    center: Pixel,
+    tilt_deg: float,
+    camera: Camera,
+    hole: HoleSeen | None,
+    hand_yaw: float,
+) -> tuple[Points, Points, float, float] | None:
+    """A point on the peg's left and on its right edge, their tilt [rad], and their visible length
+    [px]. The fingers of a turned hand may hide some of an edge, down from the peg's top; what is
+    below is used where it is long enough.
 
     The second pass selects the points again with the first pass's tilt: the rectangle's own tilt is
     off by degrees where the board cuts the peg at an angle.
     """
+    covered = _FINGERS_M / camera.metres_per_pixel(0.0) if hand_yaw else 0.0
+    tilt, result = math.radians(tilt_deg), None
     lowest = hole.box_px if hole else None
     floor = min(p[1] for p in lowest) - _EDGE_MARGIN if lowest else math.inf
-    result = None
     for _ in range(2):
         axis = np.array([-math.sin(tilt), -math.cos(tilt)])
         across = np.array([math.cos(tilt), -math.sin(tilt)])
@@ -343,12 +342,10 @@ def long_edges(
         bare = inside & (along < np.max(along) - covered)
         if covered and np.any(bare) and np.ptp(contour[bare, 1]) > _BARE:
             left, right, fit = contour[bare & at_left], contour[bare & at_right], _line
-        result = (
-            fit(left, -across),
-            fit(right, across),
-            float(np.ptp(left[:, 1]) + np.ptp(right[:, 1])) / 2,
-        )
-        tilt = (result[0][1] + result[1][1]) / 2
+        (left_point, left_tilt), (right_point, right_tilt) = fit(left, -across), fit(right, across)
+        tilt = (left_tilt + right_tilt) / 2
+        visible_px = float(np.ptp(left[:, 1]) + np.ptp(right[:, 1])) / 2
+        result = left_point, right_point, tilt, visible_px
     return result
 
 

@@ -22,7 +22,6 @@ from pliant.vision.measure import (
     Colours,
     between,
     box_around,
-    covered_px,
     hsv_of,
     largest_contour,
     long_edges,
@@ -83,12 +82,11 @@ def _across(
     if peg is None or beside is None:
         return Across(tip_x=None, pitch=None, hole_x=hole_x)
     _, center, tilt_deg = box_around(peg)
-    covered = covered_px(camera) if hand_yaw else 0.0
-    sides = long_edges(peg, center, math.radians(tilt_deg), hole, covered)
+    sides = long_edges(peg, center, tilt_deg, camera, hole, hand_yaw)
     if sides is None:
         return Across(tip_x=None, pitch=None, hole_x=hole_x)
-    (left, left_tilt), (right, right_tilt), _ = sides
-    tilt, yaw = (left_tilt + right_tilt) / 2, hand_yaw - math.pi / 2
+    left, right, tilt, _ = sides
+    yaw = hand_yaw - math.pi / 2
     edges = outermost(camera, left, right, task.peg, yaw)
     y, z, width = between(camera, left, right, tilt, edges)
     tip = y - (beside.tip_z.value - z) * math.tan(tilt)

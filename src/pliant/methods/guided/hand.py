@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pliant.belief import Belief, Seen
+from pliant.belief import Belief
 from pliant.cell import Motion, Robot, Stop
 from pliant.checks import half_hole
 from pliant.envelope import Limits
@@ -283,19 +283,17 @@ class Hand:
         """Look, and return the tip of the peg [m], or None if the peg or the hole is not seen."""
         look = self._look(cameras)
         self.looks.append(look)
-        self.belief = softly(self.belief, self._seen(look), self._teaching, self._manner.memory)
+        seen = look.during(self._step)
+        self.belief = softly(self.belief, seen, self._teaching, self._manner.memory)
         scene = placed(self._task, self._teaching, look, self.belief)
         peg, across = scene.peg, scene.across
         if peg is None or self.belief.hole_y is None:
             return None
         x = across.tip_x.value if across is not None and across.tip_x is not None else self.frame.x
         is_felt = shows_nothing(look.scene)
-        tilt = peg.tilt if is_felt else in_hand(self._seen(look))[0]
+        tilt = peg.tilt if is_felt else in_hand(seen)[0]
         tip = x, peg.tip_y.value, peg.tip_z.value
         return Tip(tip=tip, peg=peg, tilt=tilt, is_felt=is_felt)
-
-    def _seen(self, look: Look) -> Seen:
-        return Seen(step=self._step, pose=look.observation.pose, scene=look.scene)
 
     @property
     def is_blind(self) -> bool:

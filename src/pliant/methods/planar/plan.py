@@ -5,13 +5,14 @@ Fit travels toward -y: "further" means more negative. Everything here is in the 
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pliant.cell import Stop
 from pliant.checks import half_hole, low_corner, near_rim
-from pliant.formations import Formation, steps_from
+from pliant.formations import OWNED, Formation, steps_from
+from pliant.methods.planar.checks import IN_HOLE_DEPTH_M
 from pliant.methods.recoveries import going_on, stopping
-from pliant.pose import Axis
 from pliant.records import Case, FailureAnalysis, Outcome, Recovery, Verdict
 from pliant.vision.scene import PegSeen
 
@@ -21,7 +22,6 @@ _LESS_TRAVEL = 0.003  # [m] less over-travel each time the peg popped over the f
 _ALIGN_MOST = 0.015  # [m] of one correction of Align
 _DEEPER = 0.004  # [m] of one more push
 _DEEPEST = 0.012  # [m] below the taught Insertion goal, at most
-_SEATED = 0.0003  # [m] a corner this far below the surface is in the hole
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,7 @@ class Planner:
             what,
             "Fit travelled too little for this hole, angle and friction",
             "slide further in the same direction",
-            Formation.FIT,
-            fit_y=case.goals.target(Formation.FIT).y - advance,
+            {Formation.FIT: case.goals.target(Formation.FIT).y - advance},
         )
 
     def _refit(
@@ -81,8 +80,7 @@ class Planner:
             what,
             why,
             "lift, go back before the hole, touch down and fit again relative to the hole seen",
-            Formation.FIT,
-            fit_y=_hole(case) + taught + _LESS_TRAVEL * popped,
+            {Formation.FIT: _hole(case) + taught + _LESS_TRAVEL * popped},
             retreat=True,
         )
 
@@ -98,17 +96,14 @@ class Planner:
                 "the trailing corner is back on the near rim",
                 "Align moved before the peg was free of the rim",
                 "fit further, then align",
-                Formation.FIT,
-                fit_y=case.goals.target(Formation.FIT).y - _ADVANCE[0],
+                {Formation.FIT: case.goals.target(Formation.FIT).y - _ADVANCE[0]},
             )
-        goal = _upright_y(case, peg)
         return self._plan(
             case,
             f"the peg leans {math.degrees(peg.tilt.value):.1f} deg in the hole",
             "the hinge is not above the hole for this grasp angle",
             "move the hinge so that the peg stands upright",
-            Formation.ALIGN,
-            align_y=goal,
+            {Formation.ALIGN: _upright_y(case, peg)},
         )
 
     # --- Insertion -------------------------------------------------------------------------------
@@ -122,6 +117,7 @@ class Planner:
         stopped = case.outcome.stop is Stop.COMPRESSION
         z = case.goals.target(Formation.INSERTION).z
         deepest = case.teaching.goals.target(Formation.INSERTION).z - _DEEPEST
+        deeper = z if stopped else max(z - _DEEPER, deepest)
         return self._plan(
             case,
             "the wrist gave way before the peg was deep enough"
@@ -129,9 +125,7 @@ class Planner:
             else "the peg is not deep enough",
             f"it is wedged, leaning {math.degrees(peg.tilt.value):.1f} deg",
             "back off, straighten, and push" + ("" if stopped else " deeper"),
-            Formation.ALIGN,
-            align_y=_upright_y(case, peg),
-            insertion_z=z if stopped else max(z - _DEEPER, deepest),
+            {Formation.ALIGN: _upright_y(case, peg), Formation.INSERTION: deeper},
         )
 
     # --- without a measurement -------------------------------------------------------------------
@@ -157,25 +151,19 @@ class Planner:
         what: str,
         why: str,
         how: str,
-        start: Formation,
+        wanted: Mapping[Formation, float],
         *,
-        fit_y: float | None = None,
-        align_y: float | None = None,
-        insertion_z: float | None = None,
         retreat: bool = False,
     ) -> Recovery:
-        goals = case.goals
-        fit = goals.target(Formation.FIT).y if fit_y is None else fit_y
-        align = _hinge_over_hole(case) if align_y is None else align_y
-        z = goals.target(Formation.INSERTION).z if insertion_z is None else insertion_z
-        wanted = {
-            Formation.FIT: {Axis.Y: fit},
-            Formation.ALIGN: {Axis.Y: align},
-            Formation.INSERTION: {Axis.Z: z},
-        }
-        steps = steps_from(start, wanted, retreat=retreat)
+        """The plan that starts with the first formation whose goal is `wanted` [m]; of the others
+        Align brings the hinge above the hole, and Insertion keeps its goal."""
+        start = next(iter(wanted))
+        insertion = case.goals.target(Formation.INSERTION).z
+        usual = {Formation.ALIGN: _hinge_over_hole(case), Formation.INSERTION: insertion}
+        goals = {f: {OWNED[f][0]: value} for f, value in {**usual, **wanted}.items()}
+        steps = steps_from(start, goals, retreat=retreat)
         if case.method.presses_on(steps[0], case):
-            steps = steps_from(start, wanted, retreat=True)
+            steps = steps_from(start, goals, retreat=True)
             how = f"lift, since the wrist gave way, and {how}"
         return going_on(case, self.by, what, why, how, steps)
 
@@ -209,7 +197,7 @@ def _where(case: Case, outcome: Outcome) -> str:
         return "unseen"
     hole, half = _hole(case), half_hole(case.task)
     y, z = low_corner(peg)
-    if z > seen.surface_z.value - _SEATED:
+    if z > seen.surface_z.value - IN_HOLE_DEPTH_M:
         return "beyond" if peg.tip_y.value < hole - half / 4 else "before"
     if y < hole - half - 0.002:
         return "beyond"
