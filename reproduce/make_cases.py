@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from pliant.belief import Belief, Seen
 from pliant.cell import Truth
-from pliant.checks import INSERTED_DEPTH_M
 from pliant.conditions import Setup
 from pliant.envelope import Limits
 from pliant.experiment.bench.answers import Answer, answer, succeeded
@@ -40,6 +39,7 @@ from pliant.experiment.bench.cases import (
 )
 from pliant.experiment.one import Spec, composed
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
+from pliant.levels import INSERTED_DEPTH_M
 from pliant.methods.planar import Planar
 from pliant.pose import Axis
 from pliant.reasoners import reasoner

@@ -109,7 +109,7 @@ def test_replies_have_the_structure_that_is_asked_for_and_say_what_is_true(
             plan = bounded_plan(40, case.method).model_validate_json(reply(line))
             steps = plans.steps_of(plan, case)
             assert steps
-            assert plans.in_metres(plan, case) is None
+            assert plans.in_metres(steps, case) is None
             recovery = Recovery(analysis=analysis, steps=steps, by="vlm")
             assert admit(recovery, case, Limits()).steps == steps
             assert plans.refusal(recovery, case, Limits(), 0.040) is None

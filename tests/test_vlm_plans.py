@@ -173,12 +173,12 @@ def test_a_plan_that_may_not_be_done_is_refused_with_the_reason(
 def test_a_goal_in_metres_is_asked_again_and_never_rescaled() -> None:
     case = fit_case()
     said = absolute(("fit", -0.0352), ("align", 0.0), ("insertion", 0.1676))
-    reason = plans.in_metres(said, case)
+    reason = plans.in_metres(plans.steps_of(said, case), case)
     assert reason is not None
     assert "looks like metres" in reason
     for fine in (absolute(("fit", -0.1), ("align", 0.0)), bounded(fit_y_change_mm=35)):
         goals = case.goals.updated(Step(formation=FIT, goal={Axis.Y: 0.001}))
-        assert plans.in_metres(fine, replace(case, goals=goals)) is None
+        assert plans.in_metres(plans.steps_of(fine, case), replace(case, goals=goals)) is None
 
 
 def test_a_plan_against_its_own_analysis_is_refused() -> None:

@@ -13,6 +13,8 @@ from pliant.teaching import Teaching
 from pliant.vision.offset import hanging_tip
 from pliant.vision.scene import Measured, Scene
 
+JUMP_M = 0.003  # a reading so far from the belief is not believed until others agree
+
 
 @dataclass(frozen=True, kw_only=True)
 class Belief:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pliant.belief import Belief, sag_m
 from pliant.cell import Stop
 from pliant.formations import OWNED, Formation
+from pliant.levels import INSERTED_DEPTH_M
 from pliant.pose import Partial, describe
 from pliant.records import Check, Evidence, Outcome
 from pliant.task import Task
@@ -23,8 +24,8 @@ POSE_TOLERANCE_M = 0.001  # the paper's p_th
 POSE_TOLERANCE_RAD = math.radians(0.5)  # our choice
 TILT_TOLERANCE_DEG = 5.0  # Table I
 ON_HOLE_M = 0.008  # Table I's "on the hole": P_center this close to H_center; our choice
-INSERTED_DEPTH_M = 0.010  # the paper's criterion of overall success
 
+BESIDE_M = 0.0015  # metric Align: the tip this far beyond the play, at most, from the hole's centre
 DEPTH_MARGIN_M = 0.0008  # metric Insertion: measured depth this far beyond the criterion
 
 SEEN_M = 0.015  # pressed further than felt, by the picture: the sensor is wrong

@@ -102,6 +102,15 @@ class Goals:
         return Step(formation=formation, goal=self.formations[formation], retreat=retreat)
 
 
+def steps_from(
+    start: Formation, goals: Mapping[Formation, Partial], *, retreat: bool = False
+) -> tuple[Step, ...]:
+    """The steps from a recoverable formation to Insertion, to these goals; the first one may leave
+    the hole before it."""
+    rest = RECOVERABLE[RECOVERABLE.index(start) :]
+    return tuple(Step(formation=f, goal=goals[f], retreat=retreat and f is start) for f in rest)
+
+
 def check_axes(formation: Formation, goal: Partial, *, shifts: tuple[Axis, ...] = ()) -> None:
     """Refuse a goal that does not name exactly the axes its formation owns; it may name `shifts`
     too.

@@ -18,6 +18,10 @@ from pliant.errors import unknown
 from pliant.pose import Axis
 
 COLOUR, EDGES = "colour", "edges"
+INSERTED_DEPTH_M = 0.010
+"""The depth [m] below the board's surface of an inserted peg's bottom face, at its centre: the
+paper's criterion of overall success."""
+
 INSERT, STOP, EITHER = "insert", "stop", "either"
 
 
@@ -89,12 +93,12 @@ def shipped_levels() -> Mapping[str, Level]:
             quantity, axis = FIELDS[drawn]
             in_si = [float(v) if axis is None else axis.from_report(v) for v in (low, high)]
             ranges[quantity] = (in_si[0], in_si[1])
-        clearance = fields.get("clearance_mm")
+        clearance, depth = fields.get("clearance_mm"), fields.get("depth_mm")
         levels[name] = Level(
             name=name,
             tests=fields["tests"],
             clearance=None if clearance is None else clearance * 1e-3,
-            depth=fields.get("depth_mm", 10.0) * 1e-3,
+            depth=INSERTED_DEPTH_M if depth is None else depth * 1e-3,
             ranges=ranges,
             method=fields.get("method", "guided"),
             senses=fields.get("senses", COLOUR),

@@ -1,8 +1,10 @@
 """Polygons around the origin: the outline of a peg, checked, grown and turned."""
 
 import math
+from collections.abc import Iterator
 
-Outline = tuple[tuple[float, float], ...]  # corners x, y [m]
+Corner = tuple[float, float]  # x, y [m]
+Outline = tuple[Corner, ...]
 
 _LEAST_DISTANCE = 0.0005  # [m] of a peg's faces from its axis
 _LEAST_EDGE = 1e-6  # [m]: corners closer than that are one
@@ -15,12 +17,10 @@ def fault_of(outline: Outline) -> str | None:
         return f"an outline of {len(outline)} corners; it must have at least 3"
     if len(outline) > _MOST_CORNERS:
         return f"an outline of {len(outline)} corners; it must have at most {_MOST_CORNERS}"
-    following = (*outline[1:], outline[0])
-    if all(x * ny - y * nx < 0 for (x, y), (nx, ny) in zip(outline, following, strict=True)):
+    if all(x * ny - y * nx < 0 for (x, y), (nx, ny) in edges(outline)):
         return "its corners go clockwise; list them in the opposite order"
     turning = 0.0
-    for i, (x, y) in enumerate(outline):
-        nx, ny = outline[(i + 1) % len(outline)]
+    for (x, y), (nx, ny) in edges(outline):
         cross = x * ny - y * nx
         if math.hypot(nx - x, ny - y) < _LEAST_EDGE:
             return f"its corner {spoken(x, y)} mm is given twice in a row; give it once"
@@ -40,7 +40,7 @@ def grown(outline: Outline, margin: float) -> Outline:
     """An outline with every edge moved outward by `margin` [m], and as long as it then must be to
     meet the next."""
     normals = []
-    for (ax, ay), (bx, by) in zip(outline, outline[1:] + outline[:1], strict=True):
+    for (ax, ay), (bx, by) in edges(outline):
         length = math.hypot(bx - ax, by - ay)
         normals.append(((by - ay) / length, (ax - bx) / length))
     grown = []
@@ -51,15 +51,17 @@ def grown(outline: Outline, margin: float) -> Outline:
     return tuple(grown)
 
 
-def reversed_edge(
-    outline: Outline, grown: Outline
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
+def reversed_edge(outline: Outline, grown: Outline) -> tuple[Corner, Corner] | None:
     """The first edge that vanished when the outline grew."""
-    for i, (a, ga) in enumerate(zip(outline, grown, strict=True)):
-        b, gb = outline[(i + 1) % len(outline)], grown[(i + 1) % len(outline)]
+    for (a, b), (ga, gb) in zip(edges(outline), edges(grown), strict=True):
         if (b[0] - a[0]) * (gb[0] - ga[0]) + (b[1] - a[1]) * (gb[1] - ga[1]) <= 0:
             return a, b
     return None
+
+
+def edges(outline: Outline) -> Iterator[tuple[Corner, Corner]]:
+    """Each edge's two corners, in order."""
+    return zip(outline, (*outline[1:], *outline[:1]), strict=True)
 
 
 def turned(outline: Outline, yaw: float) -> Outline:

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Protocol
 from pydantic import AliasChoices, Field, PlainSerializer, PlainValidator
 
 from pliant import pictures
-from pliant.belief import Belief
+from pliant.belief import Belief, Seen
 from pliant.cell import Image, Motion, Observation, Stop, Truth
 from pliant.diagnosis import OF_FAULTS, Diagnosis, Hypothesis
 from pliant.errors import InputError
@@ -39,6 +39,10 @@ class Look:
 
     observation: Observation
     scene: Scene
+
+    def during(self, step: Step) -> Seen:
+        """This look as a belief takes it: with the step during which it was taken."""
+        return Seen(step=step, pose=self.observation.pose, scene=self.scene)
 
 
 class Looking(Protocol):
@@ -379,6 +383,11 @@ class Case:
     diagnosis: Diagnosis | None = None
     probes: tuple[Probed, ...] = ()
     probes_left: int = 0
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """The outcomes of all executions so far, the last one's included."""
+        return (*(execution.outcome for execution in self.history), self.outcome)
 
 
 class End(StrEnum):

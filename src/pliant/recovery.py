@@ -102,10 +102,9 @@ def changes(step: Step, case: Case) -> Partial:
 def _deeper_into_resistance(step: Step, case: Case, admitted: list[Step]) -> bool:
     """Whether a step goes deeper than the last insertion that the compression limit stopped, at the
     same y."""
-    outcomes = [execution.outcome for execution in case.history] + [case.outcome]
     stopped = [
         o.target
-        for o in outcomes
+        for o in case.outcomes
         if o.step.formation is Formation.INSERTION and o.stop is Stop.COMPRESSION
     ]
     if not stopped:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pliant.checks import POSE_TOLERANCE_M, POSE_TOLERANCE_RAD
 from pliant.pose import Axis, Pose
 from pliant.records import Execution
 from pliant.vision.scene import Measured, Scene
@@ -16,7 +17,7 @@ from pliant.vision.scene import Measured, Scene
 SAME_GOAL_M, SAME_GOAL_RAD = 0.0009, math.radians(0.5)
 """The tolerance of commanded poses: less than the least change that a plan in whole millimetres can
 make. Guided skills correct what they are sent to by a few tenths each time."""
-SAME_POSE_M, SAME_POSE_RAD = 0.001, math.radians(0.5)
+SAME_POSE_M, SAME_POSE_RAD = POSE_TOLERANCE_M, POSE_TOLERANCE_RAD
 """The tolerance of measured poses: what the pose check lets pass as the same goal reached."""
 SAME_SEEN_M, SAME_SEEN_RAD = 0.001, math.radians(1.0)
 """The tolerance of what a picture shows, tip, depth and lean: blind retries in simulation, which
@@ -88,14 +89,14 @@ def _near(a: Pose, b: Pose, metres: float, radians: float) -> bool:
 def _looks_the_same(a: Scene, b: Scene) -> bool:
     """Whether the peg and the hole stand in the same places, or are hidden in both."""
     pairs = [(a.board_yaw, b.board_yaw, SAME_SEEN_RAD)]
-    for name, tolerance in (
-        ("tip_y", SAME_SEEN_M),
-        ("tip_z", SAME_SEEN_M),
-        ("tilt", SAME_SEEN_RAD),
+    for one, other, name, tolerance in (
+        (a.peg, b.peg, "tip_y", SAME_SEEN_M),
+        (a.peg, b.peg, "tip_z", SAME_SEEN_M),
+        (a.peg, b.peg, "tilt", SAME_SEEN_RAD),
+        (a.hole, b.hole, "y", SAME_SEEN_M),
+        (a.hole, b.hole, "surface_z", SAME_SEEN_M),
     ):
-        pairs.append((getattr(a.peg, name, None), getattr(b.peg, name, None), tolerance))
-    for name in ("y", "surface_z"):
-        pairs.append((getattr(a.hole, name, None), getattr(b.hole, name, None), SAME_SEEN_M))
+        pairs.append((getattr(one, name, None), getattr(other, name, None), tolerance))
     return all(_agree(*pair) for pair in pairs)
 
 

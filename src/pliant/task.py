@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import NoReturn
 
 from pliant import files, peg_file, polygon
 from pliant.errors import InputError, unknown, within
-from pliant.levels import Level, load_level
+from pliant.levels import INSERTED_DEPTH_M, Level, load_level
 from pliant.paths import located
 from pliant.peg_file import LENGTHS_MM
 from pliant.polygon import Outline
@@ -20,6 +21,9 @@ _CENTRED_MM = 0.05  # of a peg's middle along y from its axis
 _WIDEST = (0.1, 0.085)  # x, y [m] of a peg: the fingers, which close along y, open 85 mm
 _FINGERS_BELOW_GRASP = 0.038  # [m] at most, however wide the peg is
 _LEAST_CLEARANCE = 0.0001  # [m]: simulated contacts give way by up to a tenth of a millimetre
+
+Place = tuple[float, float]
+"""The place of an edge of the peg, y and x from its axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,37 +48,33 @@ class Peg:
         if (self.radius is None) == (not self.outline):
             raise InputError(f"peg '{self.name}': give either a radius or an outline")
         if self.radius is not None and not 0.001 <= self.radius <= _WIDEST[1] / 2:
-            with within("radius"):
-                raise InputError(
-                    f"peg '{self.name}': radius {self.radius * 1e3:g} mm; it must be 1 to"
-                    f" {_WIDEST[1] / 2 * 1e3:g} mm, which the fingers open to"
-                )
+            self._refuse(
+                "radius",
+                f"radius {self.radius * 1e3:g} mm; it must be 1 to {_WIDEST[1] / 2 * 1e3:g} mm,"
+                " which the fingers open to",
+            )
         if not LENGTHS_MM[0] * 1e-3 <= self.length <= LENGTHS_MM[1] * 1e-3:
-            with within("length"):
-                raise InputError(
-                    f"peg '{self.name}': length {self.length * 1e3:g} mm; it must be"
-                    f" {LENGTHS_MM[0]} to {LENGTHS_MM[1]} mm"
-                )
+            least, most = LENGTHS_MM
+            told = f"length {self.length * 1e3:g} mm; it must be {least} to {most} mm"
+            self._refuse("length", told)
         if self.outline and (fault := polygon.fault_of(self.outline)):
-            with within("outline"):
-                raise InputError(f"peg '{self.name}': {fault}")
-        for axis, half, most in zip("xy", self.half_extents, _WIDEST, strict=True):
-            if not 0.002 <= 2 * half <= most:
-                fingers = ", which the fingers open to" if axis == "y" else ""
-                with within(axis):
-                    raise InputError(
-                        f"peg '{self.name}': {2e3 * half:g} mm along {axis}; it must be 2 to"
-                        f" {1e3 * most:g} mm{fingers}"
-                    )
+            self._refuse("outline", fault)
+        for axis, half, widest in zip("xy", self.half_extents, _WIDEST, strict=True):
+            if not 0.002 <= 2 * half <= widest:
+                told = f"{2e3 * half:g} mm along {axis}; it must be 2 to {1e3 * widest:g} mm"
+                self._refuse(axis, told + (", which the fingers open to" if axis == "y" else ""))
         if self.outline:
             ys = [1e3 * y for _, y in self.outline]
             if abs(min(ys) + max(ys)) > _CENTRED_MM:
-                with within("outline"):
-                    raise InputError(
-                        f"peg '{self.name}': its corners lie from {min(ys):g} to {max(ys):g} mm"
-                        " along y; the fingers close evenly around the axis: add"
-                        f" {-(min(ys) + max(ys)) / 2:g} mm to every y"
-                    )
+                self._refuse(
+                    "outline",
+                    f"its corners lie from {min(ys):g} to {max(ys):g} mm along y; the fingers close"
+                    f" evenly around the axis: add {-(min(ys) + max(ys)) / 2:g} mm to every y",
+                )
+
+    def _refuse(self, place: str, problem: str) -> NoReturn:
+        with within(place):
+            raise InputError(f"peg '{self.name}': {problem}")
 
     def grown(self, margin: float) -> Outline:
         """The polygon's corners with every edge moved outward by `margin` [m]."""
@@ -97,7 +97,7 @@ class Peg:
 
     def silhouette(
         self, yaw: float = 0.0, *, slopes: tuple[float, float] = (0.0, 0.0)
-    ) -> tuple[tuple[float, float], tuple[float, float]]:
+    ) -> tuple[Place, Place]:
         """Places (y, x) [m] from the axis of the left and of the right edge that a camera at +x
         sees of the peg turned by `yaw` [rad] about its axis.
 
@@ -113,13 +113,12 @@ class Peg:
         right = max(turned, key=lambda p: (round(p[1] + slopes[1] * p[0], 9), p[0]))
         return (left[1], left[0]), (right[1], right[0])
 
-    def face(self, yaw: float = 0.0) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    def face(self, yaw: float = 0.0) -> tuple[Place, Place] | None:
         """Places (y, x) [m] from the axis of the left and of the right edge of the flat side that a
         camera at +x sees nearly square on; None: it has no such side."""
         if self.radius is not None:
             return None
-        turned = polygon.turned(self.outline, yaw)
-        for (ax, ay), (bx, by) in zip(turned, turned[1:] + turned[:1], strict=True):
+        for (ax, ay), (bx, by) in polygon.edges(polygon.turned(self.outline, yaw)):
             middle_x, length = (ax + bx) / 2, math.hypot(bx - ax, by - ay)
             if middle_x > 0.0 and abs(by - ay) > _SQUARE_ON * length:
                 left, right = sorted(((ay, ax), (by, bx)))
@@ -133,7 +132,7 @@ class Peg:
             return self.radius
         turned = polygon.turned(self.outline, yaw)
         found = [x for x, y in turned if abs(y) <= within]
-        for (ax, ay), (bx, by) in zip(turned, turned[1:] + turned[:1], strict=True):
+        for (ax, ay), (bx, by) in polygon.edges(turned):
             for y in (-within, within):
                 if (ay - y) * (by - y) < 0:
                     found.append(ax + (bx - ax) * (y - ay) / (by - ay))
@@ -206,7 +205,7 @@ class Task:
     peg: Peg
     hole: Hole = field(default_factory=Hole)
     wrist: Wrist = field(default_factory=Wrist)
-    depth: float = 0.010  # of insertion, of the bottom face's centre [m]; the paper's criterion
+    depth: float = INSERTED_DEPTH_M  # to insert
 
     # Kinematics of the tool, below the hinge point [m] (Fuchioka et al. 2024).
     grasp_below_hinge: float = 0.099

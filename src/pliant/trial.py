@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from pliant.belief import Belief, Seen, descent_of
+from pliant.belief import Belief, descent_of
 from pliant.cell import Robot
 from pliant.checks import doubt, slid, sunk
 from pliant.diagnosis import blames_camera, weighed
@@ -20,15 +20,7 @@ from pliant.errors import RobotFault
 from pliant.formations import Formation, Step
 from pliant.methods import Method
 from pliant.pose import Pose
-from pliant.records import (
-    Aborted,
-    Case,
-    End,
-    Execution,
-    Look,
-    Recovery,
-    Verdict,
-)
+from pliant.records import Aborted, Case, End, Execution, Look, Recovery, Verdict
 from pliant.recovery import Inquirer, Reasoner, admit
 from pliant.task import Task
 from pliant.teaching import Teaching
@@ -262,5 +254,4 @@ class Run:
 
     def _believe(self, step: Step, looks: Sequence[Look]) -> None:
         for look in looks:
-            seen = Seen(step=step, pose=look.observation.pose, scene=look.scene)
-            self.belief = self.method.believe(self.belief, seen, self.teaching)
+            self.belief = self.method.believe(self.belief, look.during(step), self.teaching)

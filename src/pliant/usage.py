@@ -21,8 +21,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import tyro
-
 from pliant.errors import InputError, did_you_mean
 
 HELP = ("-h", "--help")
@@ -241,7 +239,7 @@ def _options(name: str, hint: Any, default: Any, meaning: str, group: str = "") 
         return
     written = next((m.name for m in marks if getattr(m, "name", None)), name).replace("_", "-")
     values = next((m.metavar for m in marks if getattr(m, "metavar", None)), None)
-    is_positional = tyro.conf.Positional in _markers(hint)
+    is_positional = any("Positional" in repr(mark) for mark in marks)
     kind = _without_none(plain)
     if values is None:
         values = _values(kind)
@@ -262,12 +260,6 @@ def _positional(name: str, default: Any, kind: Any) -> str:
     several = " ..." if get_origin(kind) is tuple else ""
     shown = _values(kind) if get_origin(kind) is Literal else name + several
     return shown if default is inspect.Parameter.empty else f"[{shown}]"
-
-
-def _markers(hint: Any) -> list[Any]:
-    """tyro's own marks in an annotation, such as that an argument has no option's name."""
-    marks = list(getattr(hint, "__metadata__", ()))
-    return [tyro.conf.Positional for mark in marks if "Positional" in repr(mark)]
 
 
 def _without_none(hint: Any) -> Any:

@@ -23,7 +23,7 @@ from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.conversation import ask
 from pliant.reasoners.vlm.replies import Analysis, Judgement, bounded_plan
 from pliant.reasoners.vlm.settings import Effort, Output
-from pliant.reasoners.vlm.tape import NoTape
+from pliant.reasoners.vlm.tape import Tape
 from pliant.reasoners.vlm.wire import Budget, Wire
 
 pytestmark = pytest.mark.system  # where all clients are installed
@@ -54,7 +54,7 @@ def tokens(family: Family) -> list[tuple[int, int, int]]:
         return Said(tool=form, fields=fields) if asked.tools else Said(words=json.dumps(fields))
 
     with asked(family, answer) as (server, mind):
-        wire = Wire(mind.asked, Budget(mind.settings), NoTape())
+        wire = Wire(mind.asked, Budget(mind.settings), Tape())
         answers = [
             ask(
                 wire,

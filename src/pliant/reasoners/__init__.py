@@ -9,11 +9,12 @@ from pliant.errors import InputError, installing, unknown
 from pliant.own import make_own, own_file
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
-from pliant.reasoners.vlm.settings import Decider, Settings
+from pliant.reasoners.vlm.settings import Settings
 from pliant.recovery import Reasoner
 
 if TYPE_CHECKING:
-    from pliant.reasoners.vlm.first_request import FirstAnswer
+    from pliant.reasoners.vlm.conversation import ModelAnswer
+    from pliant.reasoners.vlm.first_request import Seen
 
 VLM = "vlm"
 
@@ -65,24 +66,24 @@ def vlm(
     needs_extra()
     from pliant.reasoners.vlm.models import model_of, recorded
     from pliant.reasoners.vlm.reasoner import Vlm
-    from pliant.reasoners.vlm.tape import NoTape, Recorder, Replayer
+    from pliant.reasoners.vlm.tape import Recorder, Replayer, Tape
 
     limits = limits or Limits()
     if replay is not None:
         tape = Replayer(replay)
         return Vlm(settings=settings, limits=limits, name=name, tape=tape, asked=recorded(tape))
     asked = model_of(settings)
-    kept = NoTape() if record is None else Recorder(record)
+    kept = Tape() if record is None else Recorder(record)
     return Vlm(settings=settings, limits=limits, name=name, tape=kept, asked=asked)
 
 
-def first_answer(settings: Settings) -> "FirstAnswer | None":
+def first_answer(settings: Settings) -> "ModelAnswer[Seen] | None":
     """Make one small request to the model, before anything moves; None: no decision is asked of it.
 
     Raises:
         InputError: as for `vlm`.
     """
-    if Decider.VLM not in (settings.judge, settings.recover):
+    if not settings.stages:
         return None
     needs_extra()
     from pliant.reasoners.vlm.first_request import first_answer as ask

@@ -1,9 +1,9 @@
 """Controls: reasoners that share the rules' judge, to show what recovery, and reading the evidence,
 are worth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from pliant.formations import Formation, Step
+from pliant.formations import Formation, steps_from
 from pliant.pose import Axis
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, FailureAnalysis, Recovery, Verdict
@@ -59,20 +59,18 @@ class Messages(Rules):
         failed = case.outcome.step.formation
         start = failed if failed in (Formation.FIT, Formation.ALIGN) else Formation.ALIGN
         shift = _STEP_M * _direction(words, failed)
-        steps = [case.goals.step(start), case.goals.step(Formation.INSERTION)]
-        if start is Formation.FIT:
-            steps.insert(1, case.goals.step(Formation.ALIGN))
-        y = case.goals.formations[start][Axis.Y] + shift
-        steps[0] = Step(formation=start, goal={Axis.Y: y})
+        current = case.goals.formations
+        goals = {**current, start: {Axis.Y: current[start][Axis.Y] + shift}}
+        steps = steps_from(start, goals)
         if case.method.presses_on(steps[0], case):
-            steps[0] = replace(steps[0], retreat=True)
+            steps = steps_from(start, goals, retreat=True)
         analysis = FailureAnalysis(
             what=words or verdict.reason,
             why="not asked",
             how=f"{start} {shift * 1e3:+.0f} mm" if shift else f"repeat {start}",
             motion={Axis.Y: shift},
         )
-        return Recovery(analysis=analysis, steps=tuple(steps), by=self.name)
+        return Recovery(analysis=analysis, steps=steps, by=self.name)
 
 
 def _direction(words: str, failed: Formation) -> int:
@@ -91,16 +89,10 @@ def _direction(words: str, failed: Formation) -> int:
 
 def _from_the_start(name: str, case: Case, offset: float, how: str) -> Recovery:
     """Touch down again and repeat, with Fit's and Align's taught goals shifted by `offset` [m]."""
-    goals = case.teaching.goals
-    fit, align = (goals.formations[f][Axis.Y] + offset for f in (Formation.FIT, Formation.ALIGN))
-    return Recovery(
-        analysis=FailureAnalysis(
-            what="the verdict was failure", why="not asked", how=how, motion={Axis.Y: offset}
-        ),
-        steps=(
-            Step(formation=Formation.FIT, goal={Axis.Y: fit}, retreat=True),
-            Step(formation=Formation.ALIGN, goal={Axis.Y: align}),
-            goals.step(Formation.INSERTION),
-        ),
-        by=name,
+    taught = case.teaching.goals.formations
+    shifted = {f: {Axis.Y: taught[f][Axis.Y] + offset} for f in (Formation.FIT, Formation.ALIGN)}
+    analysis = FailureAnalysis(
+        what="the verdict was failure", why="not asked", how=how, motion={Axis.Y: offset}
     )
+    steps = steps_from(Formation.FIT, {**taught, **shifted}, retreat=True)
+    return Recovery(analysis=analysis, steps=steps, by=name)

@@ -13,7 +13,8 @@ import numpy as np
 
 from pliant.cell import Camera, View
 from pliant.pose import Pose
-from pliant.task import BLOCK_SIZE, Task
+from pliant.task import Task
+from pliant.vision.block import FRONT_X, upright_edges
 from pliant.vision.lines import (
     STRETCH,
     Floats,
@@ -22,6 +23,7 @@ from pliant.vision.lines import (
     fit_pair,
     in_order,
     level,
+    middle_of,
     peaks,
     unrolled,
     upright,
@@ -117,7 +119,7 @@ class _Block:
 
 
 def _block(picture: Floats, camera: Camera, yaw: float, offset: Offset) -> _Block | None:
-    scale = 1.0 / camera.metres_per_pixel(BLOCK_SIZE[0] / 2)
+    scale = 1.0 / camera.metres_per_pixel(FRONT_X)
     top, up_down = _row(camera, -offset.z.value), (_BOARD_REACH + offset.reach) * scale
     outer, face = _block_at(camera, yaw, -offset.y.value)
     rows = slice(round(top + up_down), camera.height - 6)
@@ -227,11 +229,7 @@ def _block_top(
     columns = np.arange(left + 4, right - 4 - _PIECE, _PIECE)
     around = picture[at - 8 : at + 9, columns[:, None] + np.arange(_PIECE)].mean(axis=2)
     places = at - 8 + peaks(around.transpose(1, 0, 2), 8, 3.0).place + 0.5
-    if len(places) < 3:
-        return None
-    row = float(np.median(places))
-    spread = 1.5 * float(np.median(np.abs(places - row)))
-    return row, max(0.2, 1.25 * spread / math.sqrt(len(places)))
+    return middle_of(places, least_sd=0.2)
 
 
 def _block_at(
@@ -239,35 +237,27 @@ def _block_at(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Columns of the outermost upright edges of a block with its axis at `y` [m], and of the edges
     of its nearest face."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
-    far, near = (
-        [
-            camera.project(
-                np.array([cos * a - sin * b, y + sin * a + cos * b, camera.position[2]])
-            )[0]
-            for b in (-half_y, half_y)
-        ]
-        for a in (-half_x, half_x)
-    )
-    return (min(far + near), max(far + near)), (near[0], near[1])
+    columns = [
+        camera.project(np.array([at_x, at_y, camera.position[2]]))[0]
+        for at_x, at_y in upright_edges(0.0, y, yaw)
+    ]
+    return (min(columns), max(columns)), (columns[2], columns[3])
 
 
 def _row(camera: Camera, z: float) -> float:
     """Row of a level edge of the block at `z` [m]: of the near face, or of the far one where the
     camera looks down on it."""
-    x = BLOCK_SIZE[0] / 2 if z > camera.position[2] else -BLOCK_SIZE[0] / 2
+    x = FRONT_X if z > camera.position[2] else -FRONT_X
     return camera.project(np.array([x, 0.0, z]))[1]
 
 
 def _hole(block: _Block, camera: Camera, yaw: float, offset: Offset) -> HoleSeen:
-    front = BLOCK_SIZE[0] / 2
-    mpp = camera.metres_per_pixel(front)
+    mpp = camera.metres_per_pixel(FRONT_X)
     seen, y = (block.left + block.right) / 2, 0.0
     for _ in range(3):
         left, right = _block_at(camera, yaw, y)[0]
         y += (seen - (left + right) / 2) * mpp
-    x = front if block.top < camera.height / 2 else -front
+    x = FRONT_X if block.top < camera.height / 2 else -FRONT_X
     _, surface = camera.on_plane_x(camera.width / 2, block.top, x)
     return hole_seen(
         left=block.left,
@@ -298,7 +288,7 @@ def _peg(
     at_top = near + lean * peg.length / 2
     _, top_z = camera.on_plane_x(float(top[0]), float(top[1]), at_top)
     top_z += near * lean  # its near edge is the lower one where it leans towards the camera
-    y, z = between(camera, left, right, tilt, lines.edges)
+    y, z, _ = between(camera, left, right, tilt, lines.edges)
     tip_z = top_z - peg.length * math.cos(tilt)
     tip_y = y - (tip_z - z) * math.tan(tilt)
     mpp = camera.metres_per_pixel(peg.silhouette_x)

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from pliant.cell import Camera
 from pliant.pose import Pose
 from pliant.task import BLOCK_SIZE, Peg, Task
-from pliant.vision.lines import Points
+from pliant.vision.lines import Points, cut, turn
+from pliant.vision.offset import tip_in_line
 
 SIZE = 128  # [px] of a small picture's sides
 CHANNELS = 5  # red, green, blue, the silhouette, the other thing's
@@ -48,13 +49,12 @@ class Outlined:
     yaw: float
 
     def corners(self) -> NDArray[np.float64]:  # (2 n, 3) [m]
-        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        flat = self.outline @ np.array([[cos, sin], [-sin, cos]])
+        flat = self.outline @ turn(self.yaw)
         foot = np.column_stack([flat, np.zeros(len(flat))])
         top = foot + (0.0, 0.0, self.length)
         up = np.array([self.lean, -math.tan(self.tilt), 1.0])
-        turn = _from_upright(up / np.linalg.norm(up))
-        return np.vstack([foot, top]) @ turn.T + (self.x, self.y, self.z)
+        leaning = _from_upright(up / np.linalg.norm(up))
+        return np.vstack([foot, top]) @ leaning.T + (self.x, self.y, self.z)
 
     def seen(self, camera: Camera) -> "Silhouette":
         """Its silhouette in a camera's picture."""
@@ -93,36 +93,25 @@ class Frame:
     tilt: float
     scale: float
 
-    @property
-    def _turn(self) -> NDArray[np.float64]:
-        cos, sin = math.cos(self.tilt), math.sin(self.tilt)
-        return np.array([[cos, sin], [-sin, cos]])  # columns: across, down
-
     def inside(self, points: Points) -> Points:
         """Points (n, 2) of the picture in the small one."""
-        return (points - self.centre) @ self._turn / self.scale + SIZE / 2
+        return (points - self.centre) @ turn(self.tilt) / self.scale + SIZE / 2
 
     def way_back(self, step: Points) -> Points:
         """A step (2,) in the small picture as one in the picture."""
-        return self.scale * (self._turn @ step)
+        return self.scale * (turn(self.tilt) @ step)
 
     def way_in(self, step: Points) -> Points:
         """A step (2,) in the picture as one in the small picture."""
-        return step @ self._turn / self.scale
+        return step @ turn(self.tilt) / self.scale
 
     def cut(self, pictures: "Pictures") -> Image:  # (SIZE, SIZE, 3)
         """The small picture."""
         halved = self.scale > _HALVED
         image, factor = (pictures.half, 0.5) if halved else (pictures.whole, 1.0)
-        turn = factor * self.scale * self._turn
-        shift = factor * self.centre - 0.5 - turn @ (np.full(2, SIZE / 2) - 0.5)
-        return cv2.warpAffine(
-            image,
-            np.column_stack([turn, shift]),
-            (SIZE, SIZE),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        ).astype(np.uint8, copy=False)
+        axes, middle = factor * self.scale * turn(self.tilt), np.full(2, SIZE / 2)
+        found = cut(image, factor * self.centre, axes, middle, (SIZE, SIZE))
+        return found.astype(np.uint8, copy=False)
 
     def drawn(self, silhouette: Silhouette) -> Image:  # (SIZE, SIZE)
         """A silhouette in the small picture: 255 inside."""
@@ -182,16 +171,9 @@ def outlined_block(**at: float) -> Outlined:
 def hanging_peg(task: Task, pose: Pose, pressed: float, *, x: float, lean: float) -> Outlined:
     """The peg where it is expected before anything was seen: in a line with the tool, which takes
     on half of the hand's roll, the wrist shorter by `pressed` [m] than unloaded."""
-    tilt, below = pose.roll / 2, task.tip_below_hinge
-    return outlined_peg(
-        task.peg,
-        x=x,
-        y=pose.y + below * math.sin(tilt),
-        z=pose.z - below * math.cos(tilt) + pressed,
-        tilt=tilt,
-        lean=lean,
-        yaw=pose.yaw,
-    )
+    tilt = pose.roll / 2
+    y, z = tip_in_line(task, pose, tilt, pressed)
+    return outlined_peg(task.peg, x=x, y=y, z=z, tilt=tilt, lean=lean, yaw=pose.yaw)
 
 
 def moved(thing: Outlined, camera: Camera, foot: Points, turn: float) -> Outlined:

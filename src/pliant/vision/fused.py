@@ -20,7 +20,7 @@ from pliant.task import Task
 from pliant.vision.edges import NOMINAL, Aside, measure_edges
 from pliant.vision.learned import measure_learned
 from pliant.vision.offset import UNKNOWN, Offset
-from pliant.vision.scene import HoleSeen, Measured, PegSeen, Scene
+from pliant.vision.scene import Measured, PegSeen, Scene
 from pliant.vision.seen import peg_seen
 from pliant.vision.surround import FRONT
 
@@ -68,11 +68,14 @@ def joined(
         peg, off = _pegs_joined(edges, learned.peg, view, task, pose, offset)
         doubts += _doubt("peg", off)
     if by_edges.hole is not None and learned.hole is not None:
-        off = _holes_differ(by_edges.hole, learned.hole, offset)
+        one, other = by_edges.hole, learned.hole
+        off = [
+            *_millimetres("y", one.y, other.y, offset.y),
+            *_millimetres("z", one.surface_z, other.surface_z, offset.z),
+        ]
         doubts += _doubt("hole", off)
         if view.camera.name == FRONT and not off:
-            y = _joined(by_edges.hole.y, learned.hole.y, offset.y)
-            hole = replace(learned.hole, y=y)
+            hole = replace(other, y=_joined(one.y, other.y, offset.y))
     problems = []
     for thing, found in (("hole", hole), ("peg", peg)):
         if found is None:
@@ -99,14 +102,6 @@ def _pegs_joined(
     tops = np.array([peg.box_px[1:3] for peg in (one, other)])
     top = tops.mean(axis=(0, 1))
     return peg_seen(view.camera, task.peg, pose.yaw, top=top, tilt=tilt, y=y, z=z), off
-
-
-def _holes_differ(one: HoleSeen, other: HoleSeen, offset: Offset) -> list[str]:
-    """By what two measurements of a hole contradict each other."""
-    return [
-        *_millimetres("y", one.y, other.y, offset.y),
-        *_millimetres("z", one.surface_z, other.surface_z, offset.z),
-    ]
 
 
 def _joined(one: Measured, other: Measured, shared: Measured) -> Measured:

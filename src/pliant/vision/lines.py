@@ -164,8 +164,32 @@ def weight(step: Points) -> Points:
 def unrolled(camera: Camera, points: Points, roll: float) -> Points:
     """Pixels as they would be if the camera were not rolled."""
     centre = np.array([camera.width / 2, camera.height / 2])
-    cos, sin = math.cos(roll), math.sin(roll)
-    return centre + (points - centre) @ np.array([[cos, -sin], [sin, cos]]).T
+    return centre + (points - centre) @ turn(-roll).T
+
+
+def turn(tilt: float) -> Points:
+    """The axes (2, 2) of a picture turned by `tilt` [rad], in columns: across and down."""
+    cos, sin = math.cos(tilt), math.sin(tilt)
+    return np.array([[cos, sin], [-sin, cos]])
+
+
+def cut(
+    picture: NDArray[Any], centre: Points, axes: Points, at: Points, size: tuple[int, int]
+) -> NDArray[Any]:
+    """A piece of a picture along these axes: `centre` (2,) in the picture comes to `at` (2,)."""
+    matrix = np.column_stack([axes, centre - 0.5 - axes @ (at - 0.5)])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+
+
+def middle_of(places: Points, least_sd: float) -> tuple[float, float] | None:
+    """The (place, sd) [px] of a line across an axis from where its points are found along that, as
+    their median; None: they are too few."""
+    if len(places) < 3:
+        return None
+    middle = float(np.median(places))
+    spread = 1.5 * float(np.median(np.abs(places - middle)))
+    return middle, max(least_sd, 1.25 * spread / math.sqrt(len(places)))
 
 
 class Strip:
@@ -175,16 +199,8 @@ class Strip:
         self, picture: Floats, centre: Points, tilt: float, size: tuple[int, int], at: Points
     ) -> None:
         """Turn a picture by `tilt`: `centre` (2,) in it comes to `at` (2,), both in pixels."""
-        cos, sin = math.cos(tilt), math.sin(tilt)
-        self._turn = np.array([[cos, sin], [-sin, cos]])  # columns: across, down
-        self._centre, self._at = centre, at
-        shift = centre - 0.5 - self._turn @ (at - 0.5)
-        matrix = np.column_stack([self._turn, shift])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        self.picture: Floats = np.asarray(
-            cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE),
-            np.float32,
-        )
+        self._turn, self._centre, self._at = turn(tilt), centre, at
+        self.picture: Floats = np.asarray(cut(picture, centre, self._turn, at, size), np.float32)
 
     def rows(self) -> Floats:
         """The picture's row [px] at each of the strip's pixels."""

@@ -15,15 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Camera, View
-from pliant.task import BLOCK_SIZE, Peg, Task
-from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, Scene
+from pliant.task import Peg, Place, Task
+from pliant.vision.block import FRONT_X, upright_edges
+from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, Scene, peg_at
 
 Hsv = tuple[int, int, int]
 Points = NDArray[np.float64]  # (n, 2) pixels, column and row
-
-
-Place = tuple[float, float]
-"""The place of an edge of the peg, y and x from its axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +93,7 @@ def measure(
     """
     if abs(hand_yaw) < _TURNED:
         hand_yaw = 0.0
-    hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
+    hsv = hsv_of(view.image)
     problems: list[str] = []
     hole = _hole(hsv, view.camera, colours, board_yaw, problems)
     peg = _peg(hsv, view.camera, task, hole, colours, hand_yaw, problems)
@@ -111,6 +108,11 @@ def _word(ranges: tuple[tuple[Hsv, Hsv], ...]) -> str:
     if high[1] <= _GREYISH:
         return "black" if value < 60 else "white" if value > 190 else "grey"
     return next(word for end, word in _HUES.items() if hue < end)
+
+
+def hsv_of(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture in HSV, in OpenCV's units."""
+    return cv2.cvtColor(image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
 
 
 def mask_of(hsv: NDArray[np.uint8], ranges: tuple[tuple[Hsv, Hsv], ...]) -> NDArray[np.uint8]:
@@ -171,14 +173,13 @@ def _hole(
     if min(left) < 1 or max(right) > camera.width - 1:
         problems.append("no hole: the block is cut off by the picture's border")
         return None
-    front = BLOCK_SIZE[0] / 2
     y = _middle_of_block(camera, float(np.median(left)), float(np.median(right)), board_yaw)
     columns = (u > np.median(left) + _EDGE_MARGIN) & (u < np.median(right) - _EDGE_MARGIN)
     upper = v[columns & (v < center[1])]
-    _, surface = camera.on_plane_x(camera.width / 2, float(np.median(upper)) - 0.5, front)
+    _, surface = camera.on_plane_x(camera.width / 2, float(np.median(upper)) - 0.5, FRONT_X)
     if surface < camera.position[2] - _SEEN_FROM_ABOVE:  # the far edge is then the highest
-        _, surface = camera.on_plane_x(camera.width / 2, float(np.median(upper)) - 0.5, -front)
-    sd = _PIXEL_SD * camera.metres_per_pixel(front)
+        _, surface = camera.on_plane_x(camera.width / 2, float(np.median(upper)) - 0.5, -FRONT_X)
+    sd = _PIXEL_SD * camera.metres_per_pixel(FRONT_X)
     return HoleSeen(
         box_px=box,
         center_px=center,
@@ -190,19 +191,10 @@ def _hole(
 def _middle_of_block(camera: Camera, left_u: float, right_u: float, yaw: float) -> float:
     """The y [m] of the block's axis from the columns of its outermost vertical edges: of the near
     face where the block faces the camera, of opposite corners where it is turned."""
-    half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    corners = [
-        (cos * x - sin * y, sin * x + cos * y)
-        for x, y in ((half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y))
-    ]
     distance = abs(float(camera.position[0]))
-    seen = [y / (distance - x) for x, y in corners]
+    ordered = sorted(upright_edges(0.0, 0.0, yaw), key=lambda edge: edge[1] / (distance - edge[0]))
     middles = []
-    for u, (x, y) in (
-        (left_u, corners[int(np.argmin(seen))]),
-        (right_u, corners[int(np.argmax(seen))]),
-    ):
+    for u, (x, y) in ((left_u, ordered[0]), (right_u, ordered[-1])):
         at, _ = camera.on_plane_x(u, camera.height / 2, x)
         middles.append(at - y)
     return sum(middles) / 2
@@ -231,13 +223,11 @@ def _peg(
     bottom = sorted(box, key=lambda p: p[1])[2:]
     edge = max(bottom)
 
-    covered = covered_px(camera) if hand_yaw else 0.0
-    sides = long_edges(contour, center, math.radians(tilt_deg), hole, covered)
+    sides = long_edges(contour, center, tilt_deg, camera, hole, hand_yaw)
     if sides is None:
         problems.append("no peg: its long edges are not visible")
         return None
-    (left_point, left_tilt), (right_point, right_tilt), visible_px = sides
-    tilt = (left_tilt + right_tilt) / 2
+    left_point, right_point, tilt, visible_px = sides
     axis = np.array([-math.sin(tilt), -math.cos(tilt)])  # up along the peg, in pixels
     across = np.array([math.cos(tilt), -math.sin(tilt)])  # to the right
     middle = (left_point + right_point) / 2
@@ -255,101 +245,83 @@ def _peg(
         seen = (top_z - lowest_z) / math.cos(tilt)
         longer = Measured(value=seen - task.peg.length, sd=_LENGTH_SD)
     # Its place along y: where the axis, measured on the silhouette's plane, reaches that height.
-    y0, z0 = axis_between(camera, left_point, right_point, tilt, task.peg, hand_yaw)
+    edges = outermost(camera, left_point, right_point, task.peg, hand_yaw)
+    y0, z0, width = between(camera, left_point, right_point, tilt, edges)
     lean = math.tan(tilt)
     tip_z = top_z - task.peg.length * math.cos(tilt)
     tip_y = y0 - (tip_z - z0) * lean
 
-    (left, _), (right, _) = task.peg.silhouette()
     mpp = camera.metres_per_pixel(task.peg.silhouette_x)
     full_px = task.peg.length / mpp
     tilt_sd = _TILT_SD * (full_px / visible_px) ** 1.5
     middle_to_tip = abs(tip_z - z0)
-    return PegSeen(
+    return peg_at(
+        Measured(value=tip_y, sd=math.hypot(_PIXEL_SD * mpp, middle_to_tip * tilt_sd)),
+        Measured(value=tip_z, sd=_PIXEL_SD * mpp * 1.5),
+        Measured(value=tilt, sd=tilt_sd),
+        task.peg.silhouette(),
         box_px=box,
         center_px=center,
         edge_px=edge,
         tilt_deg=tilt_deg,
-        tilt=Measured(value=tilt, sd=tilt_sd),
-        tip_y=Measured(value=tip_y, sd=math.hypot(_PIXEL_SD * mpp, middle_to_tip * tilt_sd)),
-        tip_z=Measured(value=tip_z, sd=_PIXEL_SD * mpp * 1.5),
-        left_y=tip_y + left * math.cos(tilt),
-        left_z=tip_z + left * math.sin(tilt),
-        right_y=tip_y + right * math.cos(tilt),
-        right_z=tip_z + right * math.sin(tilt),
         longer=longer,
-        wider=width_between(camera, left_point, right_point, tilt, task.peg, hand_yaw),
+        wider=wider_than(task.peg, width, edges, camera),
     )
 
 
-def axis_between(
-    camera: Camera, left: Points, right: Points, tilt: float, peg: Peg, yaw: float = 0.0
-) -> tuple[float, float]:  # (y, z) [m]
-    """A point on the axis of the peg that is turned by `yaw` and leans by `tilt` [rad] to the left,
-    from a pixel on its left and one on its right edge."""
-    return between(camera, left, right, tilt, _edges_seen(camera, left, right, peg, yaw))
-
-
-def width_between(
-    camera: Camera,
-    left: Points,
-    right: Points,
-    tilt: float,
-    peg: Peg,
-    yaw: float = 0.0,
-    *,
-    nearer: float = 0.0,
-) -> Measured:
-    """The width [m] by which a peg that is turned by `yaw` and leans by `tilt` [rad] to the left
-    looks wider than the task's peg would, from a pixel on its left and one on its right edge. It
-    stands `nearer` [m] to the camera than the plane of insertion."""
-    (left_y, left_x), (right_y, right_x) = _edges_seen(camera, left, right, peg, yaw)
-    y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
-    y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
-    seen = (y_right - y_left) * math.cos(tilt) + (z_right - z_left) * math.sin(tilt)
-    seen += camera.metres_per_pixel(peg.silhouette_x)  # a mask's outline runs through pixel centres
-    seen *= 1 - nearer / float(camera.position[0])
-    return Measured(value=seen - (right_y - left_y), sd=_WIDTH_SD)
-
-
-def _edges_seen(
+def outermost(
     camera: Camera, left: Points, right: Points, peg: Peg, yaw: float
 ) -> tuple[Place, Place]:
+    """The edges of a peg turned by `yaw` [rad] that a camera sees through a pixel on its left and
+    one on its right."""
     slopes = [(point[0] - camera.width / 2) / camera.focal_px for point in (left, right)]
     return peg.silhouette(yaw, slopes=(slopes[0], slopes[1]))
 
 
 def between(
     camera: Camera, left: Points, right: Points, tilt: float, edges: tuple[Place, Place]
-) -> tuple[float, float]:  # (y, z) [m]
-    """A point on the axis, as `axis_between` finds it, from a pixel on each of two edges that lie
-    at these places (y, x) [m] from the axis."""
+) -> tuple[float, float, float]:  # (y, z), width [m]
+    """A point on the axis of a peg that leans by `tilt` [rad] to the left, and how wide it looks,
+    from a pixel on each of two edges that lie at these places from the axis."""
     (left_y, left_x), (right_y, right_x) = edges
     y_left, z_left = camera.on_plane_x(left[0], left[1], left_x)
     y_right, z_right = camera.on_plane_x(right[0], right[1], right_x)
+    cos, sin = math.cos(tilt), math.sin(tilt)
     off = (left_y + right_y) / 2  # of the middle from the axis
     y, z = (y_left + y_right) / 2, (z_left + z_right) / 2
-    return y - off * math.cos(tilt), z - off * math.sin(tilt)
+    return y - off * cos, z - off * sin, (y_right - y_left) * cos + (z_right - z_left) * sin
 
 
-def covered_px(camera: Camera) -> float:
-    """The length [px], down from its top, over which a turned gripper may hide a peg's edges."""
-    return _FINGERS_M / camera.metres_per_pixel(0.0)
+def wider_than(
+    peg: Peg, seen: float, edges: tuple[Place, Place], camera: Camera, *, nearer: float = 0.0
+) -> Measured:
+    """By how much [m] a peg is wider than the task's, from the width that is `seen` of its mask
+    between two edges. It stands `nearer` [m] to the camera than the plane of insertion."""
+    (left_y, _), (right_y, _) = edges
+    seen += camera.metres_per_pixel(peg.silhouette_x)  # a mask's outline runs through pixel centres
+    seen *= 1 - nearer / float(camera.position[0])
+    return Measured(value=seen - (right_y - left_y), sd=_WIDTH_SD)
 
 
 def long_edges(
-    contour: Points, center: Pixel, tilt: float, hole: HoleSeen | None, covered: float = 0.0
-) -> tuple[tuple[Points, float], tuple[Points, float], float] | None:
-    """A point and the tilt [rad] of the peg's left and right edge, and their visible length [px].
-    The fingers of a turned hand hide some of an edge, as far as `covered` [px] from the peg's top;
-    what is below is used where it is long enough.
+    contour: Points,
+    center: Pixel,
+    tilt_deg: float,
+    camera: Camera,
+    hole: HoleSeen | None,
+    hand_yaw: float,
+) -> tuple[Points, Points, float, float] | None:
+    """A point on the peg's left and on its right edge, their tilt [rad], and their visible length
+    [px]. The fingers of a turned hand may hide some of an edge, down from the peg's top; what is
+    below is used where it is long enough.
 
     The second pass selects the points again with the first pass's tilt: the rectangle's own tilt is
     off by degrees where the board cuts the peg at an angle.
     """
+    covered = _FINGERS_M / camera.metres_per_pixel(0.0) if hand_yaw else 0.0
+    tilt, result = math.radians(tilt_deg), None
     lowest = hole.box_px if hole else None
     floor = min(p[1] for p in lowest) - _EDGE_MARGIN if lowest else math.inf
-    result = None
     for _ in range(2):
         axis = np.array([-math.sin(tilt), -math.cos(tilt)])
         across = np.array([math.cos(tilt), -math.sin(tilt)])
@@ -362,22 +334,18 @@ def long_edges(
             & (contour[:, 1] < floor)
         )
         width = right_at - left_at
-        left = contour[inside & (side < left_at + 0.2 * width)]
-        right = contour[inside & (side > right_at - 0.2 * width)]
+        at_left, at_right = side < left_at + 0.2 * width, side > right_at - 0.2 * width
+        left, right = contour[inside & at_left], contour[inside & at_right]
         if len(left) < _LEAST_EDGE or len(right) < _LEAST_EDGE:
             return None
         fit = _outermost_line if covered else _line
         bare = inside & (along < np.max(along) - covered)
         if covered and np.any(bare) and np.ptp(contour[bare, 1]) > _BARE:
-            inside, fit = bare, _line
-            left = contour[inside & (side < left_at + 0.2 * width)]
-            right = contour[inside & (side > right_at - 0.2 * width)]
-        result = (
-            fit(left, -across),
-            fit(right, across),
-            float(np.ptp(left[:, 1]) + np.ptp(right[:, 1])) / 2,
-        )
-        tilt = (result[0][1] + result[1][1]) / 2
+            left, right, fit = contour[bare & at_left], contour[bare & at_right], _line
+        (left_point, left_tilt), (right_point, right_tilt) = fit(left, -across), fit(right, across)
+        tilt = (left_tilt + right_tilt) / 2
+        visible_px = float(np.ptp(left[:, 1]) + np.ptp(right[:, 1])) / 2
+        result = left_point, right_point, tilt, visible_px
     return result
 
 

@@ -42,6 +42,13 @@ def offset_between(predicted: tuple[Measured, Measured], seen: PegSeen) -> Offse
     return Offset(y=y, z=z)
 
 
+def tip_in_line(task: Task, pose: Pose, tilt: float, pressed: float) -> tuple[float, float]:
+    """The place of the tip, y and z [m], where tool and peg hang in a line from the hinge with that
+    tilt, the wrist shorter by `pressed` [m] than unloaded."""
+    below = task.tip_below_hinge
+    return pose.y + below * math.sin(tilt), pose.z - below * math.cos(tilt) + pressed
+
+
 def hanging_tip(
     task: Task, pose: Pose, tilt: Measured, *, hang_share: float, sag_m: float, sd: float = 0.0001
 ) -> tuple[Measured, Measured]:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Camera, View
-from pliant.task import BLOCK_SIZE
+from pliant.vision.block import corners_px
 from pliant.vision.least_squares import Unknown, minimise
-from pliant.vision.lines import Floats, derivative, peaks, strength, weight
+from pliant.vision.lines import Floats, derivative, peaks, strength, unrolled, weight
 from pliant.vision.scene import Measured
 
 _BLUR = 0.8  # [px] against noise
@@ -70,19 +70,7 @@ class _Side:
 def _corners(camera: Camera, at: NDArray[np.float64]) -> NDArray[np.float64]:  # (8, 2) [px]
     """The corners of a block at (x, y, z, yaw, roll of the camera)."""
     x, y, z, yaw, roll = at
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
-    corners = np.array(
-        [
-            camera.project(np.array([x + cos * a - sin * b, y + sin * a + cos * b, z + c]))
-            for a in (-half_x, half_x)
-            for b in (-half_y, half_y)
-            for c in (-BLOCK_SIZE[2], 0.0)
-        ]
-    )
-    centre = np.array([camera.width / 2, camera.height / 2])
-    turn = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
-    return centre + (corners - centre) @ turn.T
+    return unrolled(camera, corners_px(camera, x, y, z, yaw), -roll)
 
 
 def _sides(corners: NDArray[np.float64], piece: float) -> list[_Side]:

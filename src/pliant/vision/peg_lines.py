@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import as_strided
 
 from pliant.cell import Camera
 from pliant.pose import Pose
-from pliant.task import Peg, Task
+from pliant.task import Peg, Place, Task
 from pliant.vision.lines import (
     Floats,
     Points,
@@ -20,12 +20,12 @@ from pliant.vision.lines import (
     fit_pair,
     in_order,
     level,
+    middle_of,
     peaks,
     upright,
     weight,
 )
-from pliant.vision.measure import Place
-from pliant.vision.offset import Offset
+from pliant.vision.offset import Offset, tip_in_line
 
 _BESIDE = 0.020  # [m] of the tip, for a peg that is askew in the grasp
 _REACH = 0.010  # [m] of the tip along, for a peg that has slid in the grasp
@@ -142,12 +142,10 @@ def _edges(
 def _tip_at(
     camera: Camera, task: Task, pose: Pose, offset: Offset, tilt: float, pressed: float
 ) -> Points:
-    """The place in the picture (2,) [px] where the tip of a peg with that tilt is expected: tool
-    and peg hang in a line from the hinge."""
-    below = task.tip_below_hinge
-    y = pose.y + below * math.sin(tilt) - offset.y.value
-    z = pose.z - below * math.cos(tilt) + pressed - offset.z.value
-    return np.array(camera.project(np.array([pose.x, y, z])))
+    """The place in the picture (2,) [px] where the tip of a peg with that tilt is expected."""
+    y, z = tip_in_line(task, pose, tilt, pressed)
+    there = pose.x, y - offset.y.value, z - offset.z.value
+    return np.array(camera.project(np.array(there)))
 
 
 def _search(
@@ -254,12 +252,12 @@ def _fit_peg(
     columns = np.array([round(middle + share * half) for share in _TOP_AT])
     over = strip.picture[: 3 * margin, columns[:, None] + np.arange(-2, 3)].mean(axis=2)
     near = peaks(over.transpose(1, 0, 2), margin - 0.5, 4.0)
-    places, found = near.place + 0.5, np.zeros(len(columns))
+    found = np.zeros(len(columns))
     np.maximum.at(found, near.profile, weight(near.step))
-    if len(places) < 3:
+    middle_of_top = middle_of(near.place + 0.5, least_sd=0.1)
+    if middle_of_top is None:
         return None
-    top = float(np.median(places))
-    spread = 1.5 * float(np.median(np.abs(places - top)))
+    top, top_sd = middle_of_top
     at_top = middle + pair.slope * (top - pair.at)
     return PegLines(
         left=strip.back((pair.left, pair.at)),
@@ -268,7 +266,7 @@ def _fit_peg(
         tilt=tilt + math.atan(pair.slope),
         place_sd=pair.place_sd,
         tilt_sd=pair.slope_sd,
-        top_sd=max(0.1, 1.25 * spread / math.sqrt(len(places))),
+        top_sd=top_sd,
         support=pair.support / max(1.0, float(np.sum(shares))) + float(np.mean(found)),
         edges=edges,
     )

@@ -1,6 +1,10 @@
 """The measurements in one picture: pixels as in the paper, metres through the calibration."""
 
+import math
 from dataclasses import dataclass
+from typing import Any
+
+from pliant.task import Place
 
 Pixel = tuple[float, float]
 """A pixel (column, row); columns grow toward +y, rows downward."""
@@ -12,6 +16,13 @@ class Measured:
 
     value: float
     sd: float
+
+    def __neg__(self) -> "Measured":
+        return Measured(value=-self.value, sd=self.sd)
+
+    def plus(self, by: float) -> "Measured":
+        """This value and `by`, as sure."""
+        return Measured(value=self.value + by, sd=self.sd)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +48,25 @@ class PegSeen:
     right_z: float
     wider: Measured | None = None  # than the task's peg [m]; None: its width is taken as known
     longer: Measured | None = None  # than the task's peg [m]; None: its lower end was not seen
+
+
+def peg_at(
+    y: Measured, z: Measured, tilt: Measured, edges: tuple[Place, Place], **more: Any
+) -> PegSeen:
+    """A peg whose tip is at y and z, with its bottom corners as far from there as these edges of it
+    are from its axis; `more` are its pixels and what else is known of it."""
+    cos, sin = math.cos(tilt.value), math.sin(tilt.value)
+    (left, _), (right, _) = edges
+    return PegSeen(
+        tilt=tilt,
+        tip_y=y,
+        tip_z=z,
+        left_y=y.value + left * cos,
+        left_z=z.value + left * sin,
+        right_y=y.value + right * cos,
+        right_z=z.value + right * sin,
+        **more,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 from pliant.cell import Camera
 from pliant.task import Peg
 from pliant.vision.lines import Points
-from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel
+from pliant.vision.scene import HoleSeen, Measured, PegSeen, Pixel, peg_at
 
 
 def peg_seen(
@@ -24,7 +24,7 @@ def peg_seen(
     """A peg turned by `yaw` [rad] whose axis meets its top edge at `top` (2,) [px] and whose tip is
     at y and z [m]."""
     mpp = camera.metres_per_pixel(peg.silhouette_x)
-    (left_y, _), (right_y, _) = peg.silhouette(yaw)
+    edges = (left_y, _), (right_y, _) = peg.silhouette(yaw)
     cos, sin = math.cos(tilt.value), math.sin(tilt.value)
     half, length = (right_y - left_y) / 2 / mpp, peg.length / mpp
     down, across = np.array([sin, cos]), np.array([cos, -sin])
@@ -32,18 +32,15 @@ def peg_seen(
         top + a * half * across + b * length * down for a, b in ((-1, 1), (-1, 0), (1, 0), (1, 1))
     ]
     a, b, c, d = ((float(u), float(v)) for u, v in corners)
-    return PegSeen(
+    return peg_at(
+        y,
+        z,
+        tilt,
+        edges,
         box_px=(a, b, c, d),
         center_px=((a[0] + c[0]) / 2, (a[1] + c[1]) / 2),
         edge_px=d,
         tilt_deg=math.degrees(tilt.value),
-        tilt=tilt,
-        tip_y=y,
-        tip_z=z,
-        left_y=y.value + left_y * cos,
-        left_z=z.value + left_y * sin,
-        right_y=y.value + right_y * cos,
-        right_z=z.value + right_y * sin,
     )
 
 

@@ -19,7 +19,7 @@ from pliant.vision.fused import measure_fused
 from pliant.vision.measure import SIMULATED, Colours
 from pliant.vision.offset import UNKNOWN, Offset, hanging_tip, offset_between
 from pliant.vision.outline import board_outline
-from pliant.vision.scene import Across, Measured, Scene
+from pliant.vision.scene import Across, Scene
 from pliant.vision.surround import FRONT, OBLIQUE, SIDE, at_distance, quarter_turned, see
 
 _FREE_M = 0.012  # a tip this far above the board hangs freely
@@ -136,9 +136,9 @@ class ByShape:
         if _differ(before, self._from[SIDE]):
             scene = self._measured(SIDE, views[SIDE], pose)
         across = Across(
-            tip_x=None if seen.peg is None else _mirrored(seen.peg.tip_y),
+            tip_x=None if seen.peg is None else -seen.peg.tip_y,
             pitch=None if seen.peg is None else seen.peg.tilt,
-            hole_x=None if seen.hole is None else _mirrored(seen.hole.y),
+            hole_x=None if seen.hole is None else -seen.hole.y,
         )
         doubts = (*scene.doubts, *(f"front camera: {d}" for d in seen.doubts if not _of_height(d)))
         return replace(scene, across=across, doubts=doubts)
@@ -195,7 +195,3 @@ def _mean(offsets: list[Offset]) -> Offset:
 def _of_height(doubt: str) -> bool:
     """Whether a doubt is of heights alone, of which the front camera tells nothing that is used."""
     return " y " not in doubt and "tilt" not in doubt
-
-
-def _mirrored(measured: Measured) -> Measured:
-    return replace(measured, value=-measured.value)

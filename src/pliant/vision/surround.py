@@ -14,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Camera, View
-from pliant.task import BLOCK_SIZE, Peg, Task
+from pliant.task import Peg, Task
+from pliant.vision.block import FRONT_X, corners_px
 from pliant.vision.least_squares import Unknown, minimise
 from pliant.vision.measure import (
     SIMULATED,
     Colours,
-    axis_between,
+    between,
     box_around,
-    covered_px,
+    hsv_of,
     largest_contour,
     long_edges,
     measure,
-    width_between,
+    outermost,
+    wider_than,
 )
 from pliant.vision.scene import Across, Measured, PegSeen, Scene
 
@@ -74,27 +76,25 @@ def _across(
     hand_yaw: float,
 ) -> Across:
     camera = quarter_turned(view.camera)
-    hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
     hole = measure(replace(view, camera=camera), task, colours, board_yaw=board_yaw).hole
-    hole_x = None if hole is None else replace(hole.y, value=-hole.y.value)
-    peg = largest_contour(hsv, colours.peg)
+    hole_x = None if hole is None else -hole.y
+    peg = largest_contour(hsv_of(view.image), colours.peg)
     if peg is None or beside is None:
         return Across(tip_x=None, pitch=None, hole_x=hole_x)
     _, center, tilt_deg = box_around(peg)
-    covered = covered_px(camera) if hand_yaw else 0.0
-    edges = long_edges(peg, center, math.radians(tilt_deg), hole, covered)
-    if edges is None:
+    sides = long_edges(peg, center, tilt_deg, camera, hole, hand_yaw)
+    if sides is None:
         return Across(tip_x=None, pitch=None, hole_x=hole_x)
-    (left, left_tilt), (right, right_tilt), _ = edges
-    tilt = (left_tilt + right_tilt) / 2
-    y, z = axis_between(camera, left, right, tilt, task.peg, hand_yaw - math.pi / 2)
-    tip = y - (beside.tip_z.value - z) * math.tan(tilt)
+    left, right, tilt, _ = sides
     yaw = hand_yaw - math.pi / 2
+    edges = outermost(camera, left, right, task.peg, yaw)
+    y, z, width = between(camera, left, right, tilt, edges)
+    tip = y - (beside.tip_z.value - z) * math.tan(tilt)
     return Across(
         tip_x=Measured(value=-tip, sd=_PLACE_SD),
         pitch=Measured(value=tilt, sd=_TILT_SD),
         hole_x=hole_x,
-        wider=width_between(camera, left, right, tilt, task.peg, yaw, nearer=beside.tip_y.value),
+        wider=wider_than(task.peg, width, edges, camera, nearer=beside.tip_y.value),
     )
 
 
@@ -115,25 +115,21 @@ def at_distance(scene: Scene, across: Across, camera: Camera, peg: Peg, hand_yaw
         y = (eye_y - seen.tip_y.value) * tip_x / (eye_x - peg.silhouette_x)
         seen = replace(
             seen,
-            tip_y=_moved(seen.tip_y, y),
-            tip_z=_moved(seen.tip_z, z),
+            tip_y=seen.tip_y.plus(y),
+            tip_z=seen.tip_z.plus(z),
             left_y=seen.left_y + y,
             left_z=seen.left_z + z,
             right_y=seen.right_y + y,
             right_z=seen.right_z + z,
         )
     if hole is not None and across.hole_x is not None:
-        share = across.hole_x.value / (eye_x - BLOCK_SIZE[0] / 2)
+        share = across.hole_x.value / (eye_x - FRONT_X)
         hole = replace(
             hole,
-            y=_moved(hole.y, (eye_y - hole.y.value) * share),
-            surface_z=_moved(hole.surface_z, (eye_z - hole.surface_z.value) * share),
+            y=hole.y.plus((eye_y - hole.y.value) * share),
+            surface_z=hole.surface_z.plus((eye_z - hole.surface_z.value) * share),
         )
     return replace(scene, peg=seen, hole=hole)
-
-
-def _moved(measured: Measured, by: float) -> Measured:
-    return replace(measured, value=measured.value + by)
 
 
 def quarter_turned(camera: Camera) -> Camera:
@@ -142,25 +138,21 @@ def quarter_turned(camera: Camera) -> Camera:
 
 def _board_yaw(view: View, colours: Colours, y: float, surface: float) -> Measured | None:
     """The block's angle about z, by fitting its silhouette to the outline of its region."""
-    hsv = cv2.cvtColor(view.image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
-    contour = largest_contour(hsv, colours.block)
+    contour = largest_contour(hsv_of(view.image), colours.block)
     if contour is None:
         return None
     points = contour[::_CONTOUR_STEP]
 
     def distances(at: NDArray[np.float64]) -> NDArray[np.float64]:
-        outline = _silhouette(view.camera, at[0], y + at[1], surface, at[2])
+        corners = corners_px(view.camera, at[0], y + at[1], surface, at[2])
+        outline = cv2.convexHull(corners.astype(np.float32))
         return np.array(
             [cv2.pointPolygonTest(outline, (float(u), float(v)), True) for u, v in points]
         )
 
     at = minimise(
         distances,
-        [
-            Unknown(start=0.0, step=1e-4),
-            Unknown(start=0.0, step=1e-4),
-            Unknown(start=0.0, step=1e-4),
-        ],
+        [Unknown(start=0.0, step=1e-4)] * 3,
         sds=np.ones(len(points)),
         robust=_ROBUST_PX,
     )
@@ -168,21 +160,3 @@ def _board_yaw(view: View, colours: Colours, y: float, surface: float) -> Measur
     if abs(at[2]) > _MOST_YAW or np.mean(fits) < 0.5:
         return None
     return Measured(value=float(at[2]), sd=_YAW_SD)
-
-
-def _silhouette(
-    camera: Camera, x: float, y: float, surface: float, yaw: float
-) -> NDArray[np.float32]:  # (n, 1, 2) [px]
-    """The outline of the block in a picture: the convex hull of its corners."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    half_x, half_y = BLOCK_SIZE[0] / 2, BLOCK_SIZE[1] / 2
-    corners = np.array(
-        [
-            camera.project(np.array([x + cos * a - sin * b, y + sin * a + cos * b, z]))
-            for a in (-half_x, half_x)
-            for b in (-half_y, half_y)
-            for z in (surface - BLOCK_SIZE[2], surface)
-        ],
-        np.float32,
-    )
-    return cv2.convexHull(corners).astype(np.float32)

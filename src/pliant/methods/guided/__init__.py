@@ -61,7 +61,7 @@ class Guided:
         return shipped_sight(task, teaching, colours, calibrates="calibration" not in self.lacks)
 
     def skill(self, task: Task, teaching: Teaching, limits: Limits) -> GuidedSkills:
-        manner = Manner(limits=limits, contact_speed_m_s=limits.contact_speed_m_s, lacks=self.lacks)
+        manner = Manner(limits=limits, lacks=self.lacks)
         return GuidedSkills(task=task, teaching=teaching, manner=manner)
 
     def prober(self, task: Task, teaching: Teaching, limits: Limits) -> Prober:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from pliant.belief import Belief, Seen, hang_share
+from pliant.belief import JUMP_M, Belief, Seen, hang_share
 from pliant.formations import Formation
 from pliant.methods.guided.touch import hangs
 from pliant.pose import Axis
 from pliant.teaching import Teaching
 from pliant.vision.scene import Measured, PegSeen
 
-_JUMP_M = 0.003  # a reading so far from the belief is not believed until others agree
+_JUMP_RAD = math.radians(3)  # as `JUMP_M`, of the board's yaw
 _AGREE = 3  # readings in a row that must agree with each other against the belief
 MEMORY = 5  # readings that the median is taken of
 _FREE_M = 0.008  # a tip this far above the board hangs freely
@@ -100,7 +100,7 @@ def in_hand(look: Seen) -> tuple[Measured, Measured | None]:
 
 
 def _weighed(belief: Belief, name: str, reading: Measured, memory: int) -> Belief:
-    jump = _JUMP_M if name != "board_yaw" else math.radians(3)
+    jump = _JUMP_RAD if name == "board_yaw" else JUMP_M
     kept = (*belief.readings.get(name, ()), reading.value)[-memory:]
     last = kept[-_AGREE:]
     agree = len(last) == _AGREE and max(last) - min(last) < jump / 2

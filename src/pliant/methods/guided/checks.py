@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from pliant.belief import Belief
 from pliant.checks import (
+    BESIDE_M,
     TILT_TOLERANCE_DEG,
     gathered,
     half_hole,
@@ -26,7 +27,7 @@ UPRIGHT_DEPTH_M = 0.001  # Align: the high corner, beyond what is over-read
 DEEP_M = 0.005  # Align: the high corner of a peg that is in the hole, wherever it is read
 ASIDE_M = 0.003  # Align: the tip across the plane of insertion
 _BY_TOUCH = ("metric", "goal_picture")
-FAR_WALL_DEPTH_M = 0.0015
+CORNER_IN_M = 0.0015  # a low corner so deep is in the hole
 FAR_WALL_M = (-0.0055, 0.0025)  # where the low corner is read when it touches the far wall
 
 
@@ -61,7 +62,7 @@ def metric_far_wall(task: Task, scene: Scene) -> Check:
     words = f"low corner {depth * 1e3:.1f} mm deep, {short * 1e3:+.1f} mm from the far wall"
     near = FAR_WALL_M[0] <= short <= FAR_WALL_M[1]
     inside = scene.hole.surface_z.value > max(scene.peg.left_z, scene.peg.right_z)
-    return metric(depth >= FAR_WALL_DEPTH_M and (near or inside), words)
+    return metric(depth >= CORNER_IN_M and (near or inside), words)
 
 
 def metric_upright(task: Task, scene: Scene) -> Check:
@@ -75,7 +76,7 @@ def metric_upright(task: Task, scene: Scene) -> Check:
     if across is not None and across.tip_x is not None and across.hole_x is not None:
         aside = across.tip_x.value - across.hole_x.value
     deep = depth >= DEEP_M
-    beside = half_hole(task) if deep else task.hole.clearance / 2 + 0.0015
+    beside = half_hole(task) if deep else task.hole.clearance / 2 + BESIDE_M
     inside = abs(offset) <= beside and (deep or abs(aside) <= ASIDE_M)
     stands = abs(tilt) <= TILT_TOLERANCE_DEG and depth >= UPRIGHT_DEPTH_M
     return metric(inside and stands, f"{words}, {aside * 1e3:+.1f} mm across")

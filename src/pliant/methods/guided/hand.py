@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pliant.belief import Belief, Seen
+from pliant.belief import Belief
 from pliant.cell import Motion, Robot, Stop
+from pliant.checks import half_hole
 from pliant.envelope import Limits
 from pliant.errors import RobotFault
 from pliant.formations import Step
@@ -53,7 +54,6 @@ class Manner:
     limits: Limits = field(default_factory=Limits)
     lacks: frozenset[str] = frozenset()
     free_speed_m_s: float = 0.05
-    contact_speed_m_s: float = 0.02
     guarded_speed_m_s: float = 0.03
     turning_speed_m_s: float = 0.10  # of the arc at the tip's distance; a turn about z moves no tip
     compression_limit_m: float = LIMIT_M  # from free hang
@@ -165,12 +165,12 @@ class Hand:
         """Move by so much [m] along the hole's axes."""
         here = self.frame.inside(self.at)
         there = replace(here, x=here.x + x, y=here.y + y, z=here.z + z)
-        self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
+        self.to(self.frame.outside(there), self._manner.limits.contact_speed_m_s)
 
     def inside(self, **axes: float) -> None:
         """Move to these values of the hole's frame [m, rad]; the others stay."""
         there = replace(self.frame.inside(self.at), **axes)
-        self.to(self.frame.outside(there), self._manner.contact_speed_m_s)
+        self.to(self.frame.outside(there), self._manner.limits.contact_speed_m_s)
 
     def dither(self, angle: float) -> None:
         """Turn the hand about z by so much to either side [rad], and back."""
@@ -259,7 +259,7 @@ class Hand:
             if abs(error) < _TRIMMED:
                 return
             z = self.at.z - bounded(error, 0.008)
-            self.to(replace(self.at, z=z), self._manner.contact_speed_m_s)
+            self.to(replace(self.at, z=z), self._manner.limits.contact_speed_m_s)
             self.robot.settle(0.1)
 
     def _move(self, pose: Pose, speed: float, limit: float) -> None:
@@ -283,19 +283,17 @@ class Hand:
         """Look, and return the tip of the peg [m], or None if the peg or the hole is not seen."""
         look = self._look(cameras)
         self.looks.append(look)
-        self.belief = softly(self.belief, self._seen(look), self._teaching, self._manner.memory)
+        seen = look.during(self._step)
+        self.belief = softly(self.belief, seen, self._teaching, self._manner.memory)
         scene = placed(self._task, self._teaching, look, self.belief)
         peg, across = scene.peg, scene.across
         if peg is None or self.belief.hole_y is None:
             return None
         x = across.tip_x.value if across is not None and across.tip_x is not None else self.frame.x
         is_felt = shows_nothing(look.scene)
-        tilt = peg.tilt if is_felt else in_hand(self._seen(look))[0]
+        tilt = peg.tilt if is_felt else in_hand(seen)[0]
         tip = x, peg.tip_y.value, peg.tip_z.value
         return Tip(tip=tip, peg=peg, tilt=tilt, is_felt=is_felt)
-
-    def _seen(self, look: Look) -> Seen:
-        return Seen(step=self._step, pose=look.observation.pose, scene=look.scene)
 
     @property
     def is_blind(self) -> bool:
@@ -327,7 +325,7 @@ class Hand:
         cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
         x, y = seen.tip[0] - frame.x, seen.tip[1] - frame.y
         half = peg.tip_y.value - peg.left_y
-        wall = task.peg.half_extents[1] + task.hole.clearance / 2
+        wall = half_hole(task)
         return Corner(
             x=cos * x + sin * y if FRONT in cameras else 0.0,
             y=y / cos - half + wall if FRONT not in cameras else cos * y - sin * x - half + wall,

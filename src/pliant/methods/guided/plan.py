@@ -9,11 +9,12 @@ import math
 from pliant.belief import Belief
 from pliant.cell import Stop
 from pliant.checks import half_hole, low_corner
-from pliant.formations import Formation, Step
-from pliant.methods.guided.checks import FAR_WALL_M
+from pliant.formations import Formation, steps_from
+from pliant.methods.guided.checks import CORNER_IN_M, FAR_WALL_M
 from pliant.methods.guided.touch import placed, shows_nothing
-from pliant.pose import Axis, describe
-from pliant.records import Case, FailureAnalysis, Outcome, Recovery
+from pliant.methods.recoveries import going_on, stopping
+from pliant.pose import Axis
+from pliant.records import Case, Outcome, Recovery
 
 _NEAR = (0.0, -0.0015, 0.0015, -0.003, 0.003, -0.0045)
 _WIDE = (0.010, -0.010, 0.017, -0.017, 0.005, -0.005)
@@ -22,7 +23,6 @@ _NEAR_FIRST = 2
 was felt there, else, after the first of those, wide, as a camera may be off. Fit finds a hole that
 is up to 3 mm from them."""
 _ASIDE_M = 0.0048  # more is wide
-_DEEP_M = 0.0015  # a low corner so deep is in the hole
 _IN_HOLE = 0.0005  # [m] of the tip
 _BLIND = 4  # executions in a row whose pictures do not show it all: no more are tried
 _RAKES = 6  # executions of Fit by touch
@@ -32,7 +32,7 @@ _PATIENCE = 2  # executions of Align, or of Insertion, from one fit
 def plan(case: Case, by: str) -> Recovery:
     """The next steps after a failed execution of a guided skill."""
     if case.diagnosis is not None and case.diagnosis.is_hopeless:
-        return _stop(by, case.diagnosis.leading.words, case.diagnosis.why)
+        return stopping(by, case.diagnosis.leading.words, case.diagnosis.why)
     if case.probes:
         how, why = "the peg is not in the hole", "it was lifted out to probe"
         return _touch_down_anew(case, by, how, why)
@@ -42,26 +42,17 @@ def plan(case: Case, by: str) -> Recovery:
         return _blind(case, by, "; ".join(scene.problems))
     surface = case.belief.surface_z.value if case.belief.surface_z is not None else 0.0
     depth = surface - scene.peg.tip_z.value
-    if formation is Formation.INSERTION and depth > _IN_HOLE and not _tired(case, formation):
-        stopped = case.outcome.stop is Stop.COMPRESSION
-        what = "the wrist gave way" if stopped else "the peg stuck"
-        return _steps(
-            case,
-            by,
-            f"{what} {depth * 1e3:.1f} mm deep",
-            f"it leans {math.degrees(scene.peg.tilt.value):.1f} deg in the hole",
-            "straighten it, and push again",
-            Formation.ALIGN,
-        )
-    if formation is Formation.ALIGN and depth > _IN_HOLE and not _tired(case, formation):
-        return _steps(
-            case,
-            by,
-            f"the peg leans {math.degrees(scene.peg.tilt.value):.1f} deg in the hole",
-            "its trailing edge caught on the rim",
-            "turn it upright again",
-            Formation.ALIGN,
-        )
+    again = formation in (Formation.ALIGN, Formation.INSERTION) and not _tired(case, formation)
+    if again and depth > _IN_HOLE:
+        leans = f"leans {math.degrees(scene.peg.tilt.value):.1f} deg in the hole"
+        what, why = f"the peg {leans}", "its trailing edge caught on the rim"
+        how = "turn it upright again"
+        if formation is Formation.INSERTION:
+            stopped = case.outcome.stop is Stop.COMPRESSION
+            what = "the wrist gave way" if stopped else "the peg stuck"
+            what, why = f"{what} {depth * 1e3:.1f} mm deep", f"it {leans}"
+            how = "straighten it, and push again"
+        return _steps(case, by, what, why, how, Formation.ALIGN)
     what = "the peg is not in the hole" if depth < _IN_HOLE else "the peg does not come free"
     why = "it touched down beside the hole, or slipped out of it"
     return _touch_down_anew(case, by, what, why)
@@ -81,15 +72,16 @@ def _touch_down_anew(case: Case, by: str, what: str, why: str) -> Recovery:
     """Plan to touch down anew where it was not tried yet."""
     aim = _next_aim(case)
     if aim is None or _felt_in_vain(case):
-        return _stop(by, "the hole was not found", f"{what} wherever it is felt for")
+        return stopping(by, "the hole was not found", f"{what} wherever it is felt for")
     how = f"lift, look again, and touch down {aim * 1e3:+.1f} mm from where the hole is seen"
     return _steps(case, by, what, why, how, Formation.FIT, aim=aim)
 
 
 def _felt_in_vain(case: Case) -> bool:
     """Whether Fit has raked the place often enough where nothing is seen."""
-    outcomes = [*(e.outcome for e in case.history), case.outcome]
-    fits = [o for o in outcomes if o.step.formation is Formation.FIT and shows_nothing(o.scene)]
+    fits = [
+        o for o in case.outcomes if o.step.formation is Formation.FIT and shows_nothing(o.scene)
+    ]
     return len(fits) >= _RAKES
 
 
@@ -124,38 +116,24 @@ def _felt(case: Case, outcome: Outcome, belief: Belief) -> bool | None:
     if peg is None or hole is None or surface is None:
         return None
     y, z = low_corner(peg)
-    if surface.value - z < _DEEP_M:
+    if surface.value - z < CORNER_IN_M:
         return None
     short = y - (hole.value - half_hole(case.task))
     return FAR_WALL_M[0] <= short <= FAR_WALL_M[1]
 
 
 def _blind(case: Case, by: str, problem: str) -> Recovery:
-    last = [*(e.outcome for e in case.history), case.outcome][-_BLIND:]
+    last = case.outcomes[-_BLIND:]
     if len(last) == _BLIND and all(o.scene.peg is None or o.scene.hole is None for o in last):
-        return _stop(by, "the picture does not show what is needed to see the result", problem)
+        return stopping(by, "the picture does not show what is needed to see the result", problem)
     what = "the picture does not show what is needed to see the result"
     return _touch_down_anew(case, by, what, problem)
-
-
-def _stop(by: str, what: str, why: str) -> Recovery:
-    analysis = FailureAnalysis(what=what, why=why, how="stop", motion={})
-    return Recovery(analysis=analysis, steps=(), by=by)
 
 
 def _steps(
     case: Case, by: str, what: str, why: str, how: str, start: Formation, *, aim: float = 0.0
 ) -> Recovery:
     taught = case.teaching.goals.formations
-    fit = {Axis.Y: taught[Formation.FIT][Axis.Y] + aim}
-    steps = (
-        Step(formation=Formation.FIT, goal=fit, retreat=True),
-        Step(formation=Formation.ALIGN, goal=taught[Formation.ALIGN]),
-        Step(formation=Formation.INSERTION, goal=taught[Formation.INSERTION]),
-    )[start.order - Formation.FIT.order :]
-    goal = steps[0].goal
-    motion = {a: v - case.goals.formations[start][a] for a, v in goal.items()}
-    analysis = FailureAnalysis(
-        what=what, why=why, how=f"{how} ({start}: {describe(motion)})", motion=motion
-    )
-    return Recovery(analysis=analysis, steps=steps, by=by)
+    goals = {**taught, Formation.FIT: {Axis.Y: taught[Formation.FIT][Axis.Y] + aim}}
+    steps = steps_from(start, goals, retreat=start is Formation.FIT)
+    return going_on(case, by, what, why, how, steps)

@@ -39,16 +39,17 @@ def signs(
 ) -> tuple[Sign, ...]:
     """All signs of the executions so far, the last of which ended as `outcome`."""
     all_of = [*((e.outcome, e.belief) for e in history), (outcome, belief)]
-    if any(shows_nothing(look.scene) for o, _ in all_of for look in o.looks):
+    outcomes = [o for o, _ in all_of]
+    if any(shows_nothing(look.scene) for o in outcomes for look in o.looks):
         blind = Sign(says="pictures show neither peg nor board", speaks=_NOTHING_SEEN)
-        return (blind, *_of_size([o for o, _ in all_of]))
-    stuck = _of_motion([o for o, _ in all_of])
+        return (blind, *_of_size(outcomes))
+    stuck = _of_motion(outcomes)
     if stuck:  # then no picture says anything
         return tuple(stuck)
     return (
-        *_of_size([o for o, _ in all_of]),
+        *_of_size(outcomes),
         *(sign for o, b in all_of if (sign := _of_height(o, b)) is not None),
-        *_of_touch([o for o, _ in all_of]),
+        *_of_touch(outcomes),
         *_of_search(all_of),
         *_of_depth(task, all_of),
         *_of_place(outcome, belief),

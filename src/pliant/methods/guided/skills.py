@@ -21,7 +21,9 @@ import numpy as np
 
 from pliant.belief import Belief, hang_share
 from pliant.cell import Robot, Stop
+from pliant.checks import half_hole
 from pliant.formations import Formation, Step
+from pliant.methods.guided.checks import CORNER_IN_M
 from pliant.methods.guided.hand import SLICE, WORKED, Hand, Manner, Stopped, bounded
 from pliant.methods.guided.touch import SLIDES_M
 from pliant.pose import Axis, Partial, Pose
@@ -52,7 +54,6 @@ _BELOW = 0.008  # [m] below the board's surface, where a probe that feels nothin
 _TOUCH = 0.004  # [m] of compression that is a touch
 _PRESSED, _LIGHT, _UNLOADED = 0.003, 0.0012, 0.0004  # [m] of compression
 _HOP = 0.002  # [m] up, to travel further than friction lets go
-_IN_HOLE = 0.0015  # [m] the low corner is this deep when it is in the hole
 _AT_WALL = (-0.0055, 0.0015)  # [m] of the low corner from the far wall, when it touches that
 _ON_HOLE = 0.003  # [m] from the far wall, where a corner that is not in the hole belongs
 _ASTRAY = 0.002  # [m] from there
@@ -158,7 +159,7 @@ class GuidedSkills:
     def _touch(self, hand: Hand, x: float, y: float) -> "Felt":
         """Go down with the low corner over a place, from the middle of the believed hole [m], until
         it is felt, at most a little below the board's surface."""
-        wall = self.task.peg.half_extents[1] + self.task.hole.clearance / 2
+        wall = half_hole(self.task)
         here = hand.frame.inside(hand.at)
         over = replace(here, x=here.x + x, y=here.y + y + wall - _BEFORE_WALL)
         goal = hand.frame.outside(over)
@@ -215,8 +216,7 @@ class GuidedSkills:
         far from there the tip is [m]."""
         frame, belief = hand.frame, hand.belief
         lean = hang_share(self.teaching) * _LEAN  # about; what it is will be seen
-        half = self.task.peg.half_extents[1]
-        wall = half + self.task.hole.clearance / 2
+        half, wall = self.task.peg.half_extents[1], half_hole(self.task)
         aim = np.array(
             [
                 0.0,
@@ -263,7 +263,7 @@ class GuidedSkills:
             if corner is None:
                 return
             at_wall = _AT_WALL[0] < corner.y < _AT_WALL[1]
-            inside = corner.depth > _IN_HOLE
+            inside = corner.depth > CORNER_IN_M
             if inside and (at_wall or corner.trailing_depth > 0.0):
                 return
             if attempt == 0:
@@ -337,7 +337,7 @@ class GuidedSkills:
             depth, tilt = seen
             leans = abs(tilt.value)
             stands = depth > _UPRIGHT_DEPTH and leans < _UPRIGHT_TILT
-            held = depth > _IN_HOLE and leans < _HELD_TILT
+            held = depth > CORNER_IN_M and leans < _HELD_TILT
             if stands or held or depth > _DEEP or attempt == 3:
                 break
             hand.load(0.002 + 0.001 * attempt)

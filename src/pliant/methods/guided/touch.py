@@ -12,7 +12,7 @@ from pliant.pose import Pose, rotation_matrix
 from pliant.records import Look
 from pliant.task import Task
 from pliant.teaching import Teaching
-from pliant.vision.scene import Across, HoleSeen, Measured, PegSeen, Scene
+from pliant.vision.scene import Across, HoleSeen, Measured, PegSeen, Scene, peg_at
 
 _TILT_SD, _TIP_SD, _HEIGHT_SD = math.radians(1.0), 0.001, 0.0005  # [rad, m, m]
 SLIDES_M = 0.005
@@ -68,18 +68,14 @@ def _peg(
     tip += observation.compression_m * pose.rotation()[:, 2]
     x, y, z = (float(v) for v in tip)
     half = task.peg.half_extents[1]
-    ahead, up = half * math.cos(lean), half * math.sin(lean)
-    peg = PegSeen(
+    peg = peg_at(
+        Measured(value=y, sd=_TIP_SD),
+        Measured(value=z, sd=_HEIGHT_SD),
+        Measured(value=lean, sd=_TILT_SD),
+        ((-half, 0.0), (half, 0.0)),
         box_px=_NO_BOX,
         center_px=_NO_PIXEL,
         edge_px=_NO_PIXEL,
         tilt_deg=math.degrees(lean),
-        tilt=Measured(value=lean, sd=_TILT_SD),
-        tip_y=Measured(value=y, sd=_TIP_SD),
-        tip_z=Measured(value=z, sd=_HEIGHT_SD),
-        left_y=y - ahead,
-        left_z=z - up,
-        right_y=y + ahead,
-        right_z=z + up,
     )
     return peg, Measured(value=x, sd=_TIP_SD)

@@ -4,6 +4,7 @@ that the peg has left the near rim after Fit and stands between the rims after A
 from collections.abc import Mapping
 
 from pliant.checks import (
+    BESIDE_M,
     TILT_TOLERANCE_DEG,
     gathered,
     half_hole,
@@ -56,5 +57,5 @@ def metric_align(task: Task, scene: Scene) -> Check:
     if scene.peg is None or scene.hole is None:
         return unmade("metric", scene)
     offset, tilt, depth, words = standing(scene.peg, scene.hole)
-    inside = abs(offset) <= task.hole.clearance / 2 + 0.0015
+    inside = abs(offset) <= task.hole.clearance / 2 + BESIDE_M
     return metric(inside and abs(tilt) <= TILT_TOLERANCE_DEG and depth > 0.0, words)

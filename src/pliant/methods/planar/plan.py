@@ -5,12 +5,14 @@ Fit travels toward -y: "further" means more negative. Everything here is in the 
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from pliant.cell import Stop
 from pliant.checks import half_hole, low_corner, near_rim
-from pliant.formations import Formation, Step
-from pliant.pose import Axis, describe
+from pliant.formations import OWNED, Formation, steps_from
+from pliant.methods.planar.checks import IN_HOLE_DEPTH_M
+from pliant.methods.recoveries import going_on, stopping
 from pliant.records import Case, FailureAnalysis, Outcome, Recovery, Verdict
 from pliant.vision.scene import PegSeen
 
@@ -20,7 +22,6 @@ _LESS_TRAVEL = 0.003  # [m] less over-travel each time the peg popped over the f
 _ALIGN_MOST = 0.015  # [m] of one correction of Align
 _DEEPER = 0.004  # [m] of one more push
 _DEEPEST = 0.012  # [m] below the taught Insertion goal, at most
-_SEATED = 0.0003  # [m] a corner this far below the surface is in the hole
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Planner:
     # --- Fit -------------------------------------------------------------------------------------
 
     def _after_fit(self, case: Case, peg: PegSeen) -> Recovery:
-        where = _where(case, peg)
+        where = _where(case, case.outcome)
         if where == "beyond":
             return self._refit(case, "the peg slid over the hole and out at the far rim")
         past_rim = near_rim(case.task, case.outcome.scene) - peg.right_y
@@ -61,8 +62,7 @@ class Planner:
             what,
             "Fit travelled too little for this hole, angle and friction",
             "slide further in the same direction",
-            Formation.FIT,
-            fit_y=case.goals.target(Formation.FIT).y - advance,
+            {Formation.FIT: case.goals.target(Formation.FIT).y - advance},
         )
 
     def _refit(
@@ -71,7 +71,7 @@ class Planner:
         """Lift, go back before the hole, touch down and fit again, with less over-travel each time
         that the peg has popped over the far rim."""
         popped = sum(
-            e.outcome.step.formation is Formation.FIT and _where_then(e.outcome, case) == "beyond"
+            e.outcome.step.formation is Formation.FIT and _where(case, e.outcome) == "beyond"
             for e in case.history
         )
         taught = case.teaching.goals.target(Formation.FIT).y
@@ -80,15 +80,14 @@ class Planner:
             what,
             why,
             "lift, go back before the hole, touch down and fit again relative to the hole seen",
-            Formation.FIT,
-            fit_y=_hole(case) + taught + _LESS_TRAVEL * popped,
+            {Formation.FIT: _hole(case) + taught + _LESS_TRAVEL * popped},
             retreat=True,
         )
 
     # --- Align -----------------------------------------------------------------------------------
 
     def _after_align(self, case: Case, peg: PegSeen) -> Recovery:
-        where = _where(case, peg)
+        where = _where(case, case.outcome)
         if where in ("before", "beyond"):
             return self._refit(case, "the peg is out of the hole")
         if where == "edge":
@@ -97,23 +96,20 @@ class Planner:
                 "the trailing corner is back on the near rim",
                 "Align moved before the peg was free of the rim",
                 "fit further, then align",
-                Formation.FIT,
-                fit_y=case.goals.target(Formation.FIT).y - _ADVANCE[0],
+                {Formation.FIT: case.goals.target(Formation.FIT).y - _ADVANCE[0]},
             )
-        goal = _upright_y(case, peg)
         return self._plan(
             case,
             f"the peg leans {math.degrees(peg.tilt.value):.1f} deg in the hole",
             "the hinge is not above the hole for this grasp angle",
             "move the hinge so that the peg stands upright",
-            Formation.ALIGN,
-            align_y=goal,
+            {Formation.ALIGN: _upright_y(case, peg)},
         )
 
     # --- Insertion -------------------------------------------------------------------------------
 
     def _after_insertion(self, case: Case, peg: PegSeen) -> Recovery:
-        where = _where(case, peg)
+        where = _where(case, case.outcome)
         if where in ("before", "beyond"):
             return self._refit(case, "the peg is out of the hole")
         if where == "edge":
@@ -121,6 +117,7 @@ class Planner:
         stopped = case.outcome.stop is Stop.COMPRESSION
         z = case.goals.target(Formation.INSERTION).z
         deepest = case.teaching.goals.target(Formation.INSERTION).z - _DEEPEST
+        deeper = z if stopped else max(z - _DEEPER, deepest)
         return self._plan(
             case,
             "the wrist gave way before the peg was deep enough"
@@ -128,9 +125,7 @@ class Planner:
             else "the peg is not deep enough",
             f"it is wedged, leaning {math.degrees(peg.tilt.value):.1f} deg",
             "back off, straighten, and push" + ("" if stopped else " deeper"),
-            Formation.ALIGN,
-            align_y=_upright_y(case, peg),
-            insertion_z=z if stopped else max(z - _DEEPER, deepest),
+            {Formation.ALIGN: _upright_y(case, peg), Formation.INSERTION: deeper},
         )
 
     # --- without a measurement -------------------------------------------------------------------
@@ -139,20 +134,13 @@ class Planner:
         """Plan where nothing can be measured: look again once after a retreat, then stop."""
         before = case.history[-1].outcome.scene if case.history else None
         again = before is not None and (before.peg is None or before.hole is None)
-        analysis = FailureAnalysis(
-            what="the picture does not show what is needed to see the result",
-            why=problem,
-            how="stop" if again else "lift, and fit again from the start",
-            motion={},
-        )
+        what = "the picture does not show what is needed to see the result"
         if again:
-            return Recovery(analysis=analysis, steps=(), by=self.by)
-        goals = case.goals
-        steps = (
-            goals.step(Formation.FIT, retreat=True),
-            goals.step(Formation.ALIGN),
-            goals.step(Formation.INSERTION),
+            return stopping(self.by, what, problem)
+        analysis = FailureAnalysis(
+            what=what, why=problem, how="lift, and fit again from the start", motion={}
         )
+        steps = steps_from(Formation.FIT, case.goals.formations, retreat=True)
         return Recovery(analysis=analysis, steps=steps, by=self.by)
 
     # --- the plan --------------------------------------------------------------------------------
@@ -163,32 +151,21 @@ class Planner:
         what: str,
         why: str,
         how: str,
-        start: Formation,
+        wanted: Mapping[Formation, float],
         *,
-        fit_y: float | None = None,
-        align_y: float | None = None,
-        insertion_z: float | None = None,
         retreat: bool = False,
     ) -> Recovery:
-        goals = case.goals
-        fit = goals.target(Formation.FIT).y if fit_y is None else fit_y
-        align = _hinge_over_hole(case) if align_y is None else align_y
-        z = goals.target(Formation.INSERTION).z if insertion_z is None else insertion_z
-        steps = (
-            Step(formation=Formation.FIT, goal={Axis.Y: fit}, retreat=retreat),
-            Step(formation=Formation.ALIGN, goal={Axis.Y: align}),
-            Step(formation=Formation.INSERTION, goal={Axis.Z: z}),
-        )[start.order - Formation.FIT.order :]
-        first = steps[0]
-        if case.method.presses_on(first, case):
-            first = replace(first, retreat=True)
-            steps, how = (first, *steps[1:]), f"lift, since the wrist gave way, and {how}"
-        axis = next(iter(first.goal))
-        motion = {axis: first.goal[axis] - goals.formations[start][axis]}
-        analysis = FailureAnalysis(
-            what=what, why=why, how=f"{how} ({start}: {describe(motion)})", motion=motion
-        )
-        return Recovery(analysis=analysis, steps=steps, by=self.by)
+        """The plan that starts with the first formation whose goal is `wanted` [m]; of the others
+        Align brings the hinge above the hole, and Insertion keeps its goal."""
+        start = next(iter(wanted))
+        insertion = case.goals.target(Formation.INSERTION).z
+        usual = {Formation.ALIGN: _hinge_over_hole(case), Formation.INSERTION: insertion}
+        goals = {f: {OWNED[f][0]: value} for f, value in {**usual, **wanted}.items()}
+        steps = steps_from(start, goals, retreat=retreat)
+        if case.method.presses_on(steps[0], case):
+            steps = steps_from(start, goals, retreat=True)
+            how = f"lift, since the wrist gave way, and {how}"
+        return going_on(case, self.by, what, why, how, steps)
 
 
 def _hole(case: Case) -> float:
@@ -212,24 +189,16 @@ def _upright_y(case: Case, peg: PegSeen) -> float:
     return case.outcome.target.y + bounded
 
 
-def _where(case: Case, peg: PegSeen) -> str:
-    return _where_seen(case, peg, case.outcome.scene.hole.surface_z.value)  # type: ignore[union-attr]
-
-
-def _where_seen(case: Case, peg: PegSeen, surface: float) -> str:
+def _where(case: Case, outcome: Outcome) -> str:
     """The place where the peg is seen. "in": both lower corners inside the rims; "edge": the low
-    one in, the other on the near rim; "before" or "beyond" the hole."""
+    one in, the other on the near rim; "before" or "beyond" the hole; "unseen"."""
+    peg, seen = outcome.scene.peg, outcome.scene.hole
+    if peg is None or seen is None:
+        return "unseen"
     hole, half = _hole(case), half_hole(case.task)
     y, z = low_corner(peg)
-    if z > surface - _SEATED:
+    if z > seen.surface_z.value - IN_HOLE_DEPTH_M:
         return "beyond" if peg.tip_y.value < hole - half / 4 else "before"
     if y < hole - half - 0.002:
         return "beyond"
     return "in" if peg.right_y <= hole + half + 0.0005 else "edge"
-
-
-def _where_then(outcome: Outcome, case: Case) -> str:
-    scene = outcome.scene
-    if scene.peg is None or scene.hole is None:
-        return "unseen"
-    return _where_seen(case, scene.peg, scene.hole.surface_z.value)

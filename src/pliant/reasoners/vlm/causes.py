@@ -122,15 +122,9 @@ def refusal(status: int, body: Any, model: str) -> ModelAPIError:
     body calls itself."""
     if not 400 <= status <= 599:
         return ModelAPIError(model, said(body) or "an error without words")
-    kind = next((kind for codes, kind in _KINDS if status in codes), ModelRequestRejectedError)
+    other = ModelServerError if status >= 500 else ModelRequestRejectedError
+    kind: Any = {429: ModelRateLimitError, 503: ModelUnavailableError}.get(status, other)
     return ModelHTTPError.for_category(kind, status_code=status, model_name=model, body=body)
-
-
-_KINDS: tuple[tuple[range, Any], ...] = (
-    (range(429, 430), ModelRateLimitError),
-    (range(503, 504), ModelUnavailableError),
-    (range(500, 600), ModelServerError),
-)
 
 
 def _sent_on_to(error: BaseException) -> str | None:

@@ -28,7 +28,7 @@ from pydantic_ai.usage import UsageLimits
 from pliant.errors import PliantError
 from pliant.reasoners.vlm.causes import causes, why, will_not_pass
 from pliant.reasoners.vlm.settings import Output, Settings
-from pliant.reasoners.vlm.wire import Call, Wire
+from pliant.reasoners.vlm.wire import Wire
 from pliant.reasoners.vlm.words import one_line
 from pliant.records import Exchange
 
@@ -42,14 +42,20 @@ _WAIT_S = 0.2
 @dataclass(frozen=True, kw_only=True)
 class ModelAnswer(Generic[T]):
     """The outcome of a question: `value` None where there is no usable reply, and `problem` says
-    why; `refused` is then the last reply that could at least be read. `is_final`: the same question
-    would meet the same end, since it was refused, nobody was there, or no reply came in time."""
+    why. `is_final`: the same question would meet the same end, since it was refused, nobody was
+    there, or no reply came in time. As text it says what was spent."""
 
     value: T | None
     problem: str
-    refused: T | None
-    exchanges: tuple[Exchange, ...]
+    exchanges: tuple[Exchange, ...] = ()
     is_final: bool = False
+
+    def __str__(self) -> str:
+        tokens = sum(e.tokens for e in self.exchanges)
+        costs = [e.cost_usd for e in self.exchanges if e.cost_usd is not None]
+        cost = f", {sum(costs):.4f} USD" if costs else ""
+        took_s = sum(e.latency_s for e in self.exchanges)
+        return f"{took_s:.1f} s, {tokens} tokens{cost}"
 
 
 def ask(
@@ -82,14 +88,12 @@ def ask(
         model_settings=_sampling(settings, deadline_s, stage if len(offered) > 1 else None),
     )
     refusals: list[str] = []
-    read: list[T] = []
 
     @agent.output_validator
     def usable(value: T) -> T:
         if type(value) is not reply:
             refusals.append(f"it gave another form than {stage}, which was asked for")
             raise ModelRetry(f"This was not asked for. Call {stage}.")
-        read.append(value)
         why = check(value)
         if why is not None:
             refusals.append(why)
@@ -103,27 +107,26 @@ def ask(
     async def answered() -> T:
         return await asyncio.wait_for(conversation(), deadline_s)
 
-    before = len(wire.calls)
-    wire.until = time.monotonic() + deadline_s
+    before = len(wire.exchanges)
+    wire.stage, wire.until, wire.flaw = stage, time.monotonic() + deadline_s, ""
     value, problem, is_final = None, "", False
     try:
         value = _aside(answered, deadline_s + _GRACE_S)
     except PliantError:
         raise
     except TimeoutError:
-        is_final = not any(call.reply for call in wire.calls[before:])
+        is_final = not any(exchange.reply for exchange in wire.exchanges[before:])
         problem = _after(refusals, f"no usable reply within {settings.deadline_s:g} s")
     except AgentRunError as error:
         is_final = will_not_pass(error)
-        problem = _after(refusals, _flaw(wire.calls[before:]) or _reason(error, wire))
+        problem = _after(refusals, wire.flaw or _reason(error, wire))
     except Exception as error:  # a server may send anything, and a client library raise anything
         is_final = True
         problem = _after(refusals, f"{type(error).__name__}: {error}")
     return ModelAnswer(
         value=value,
         problem=problem,
-        refused=None if value is not None or not read else read[-1],
-        exchanges=_exchanges(stage, wire.calls[before:], problem),
+        exchanges=_exchanges(wire.exchanges[before:], problem),
         is_final=is_final,
     )
 
@@ -152,12 +155,6 @@ def _sampling(settings: Settings, deadline_s: float, choice: str | None) -> Mode
     if choice is not None and settings.output_mode is Output.TOOL:
         sampling["tool_choice"] = [choice]
     return sampling
-
-
-def _flaw(calls: Sequence[Call]) -> str:
-    """A note on what was odd about the form of the last reply, where that was the last that
-    happened; else empty."""
-    return calls[-1].flaw if calls and not calls[-1].error else ""
 
 
 def _reason(error: AgentRunError, wire: Wire) -> str:
@@ -214,25 +211,9 @@ def _aside(conversation: Callable[[], Coroutine[Any, Any, T]], within_s: float) 
         thread.join(_GRACE_S)
 
 
-def _exchanges(stage: str, calls: Sequence[Call], problem: str) -> tuple[Exchange, ...]:
-    """The calls as records. One that another followed was refused, for what that one was told."""
-    exchanges = [
-        Exchange(
-            stage=stage,
-            request=call.request,
-            reply=call.reply,
-            model=call.model,
-            pictures=call.pictures,
-            input_tokens=call.input_tokens,
-            cached_tokens=call.cached_tokens,
-            output_tokens=call.output_tokens,
-            latency_s=call.latency_s,
-            cost_usd=call.cost_usd,
-            refused=call.error,
-            note=call.note,
-        )
-        for call in calls
-    ]
+def _exchanges(exchanges: list[Exchange], problem: str) -> tuple[Exchange, ...]:
+    """The exchanges of a conversation. One that another followed was refused, for what that one was
+    told."""
     for n, following in enumerate(exchanges[1:]):
         exchanges[n] = replace(exchanges[n], refused=one_line(following.request))
     if exchanges and problem and not exchanges[-1].refused:

@@ -15,13 +15,11 @@ from pliant.records import Case
 from pliant.task import BLOCK_SIZE
 from pliant.vision.surround import SIDE
 
-_ORIGIN = np.zeros(3)
-
 
 def figures(case: Case, settings: Settings, limits: Limits) -> Mapping[str, str]:
     """The figures by the names that the prompts call them: `_mm`, `_deg`, `_px` for their units."""
     task, camera = case.task, case.outcome.looks[-1].observation.views[SIDE].camera
-    column, row = camera.project(_ORIGIN)
+    column, row = camera.project(np.zeros(3))
     at_peg = 1e-3 / camera.metres_per_pixel(0.0)  # [px/mm]
     at_block = 1e-3 / camera.metres_per_pixel(BLOCK_SIZE[0] / 2)
     peg_mm, length_mm = 2e3 * task.peg.half_extents[1], 1e3 * task.peg.length

@@ -4,16 +4,17 @@ Nothing here repairs a reply in silence. What may not be done is refused with a 
 back to the model.
 """
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from pydantic import BaseModel
 
 from pliant.envelope import Limits
-from pliant.formations import OWNED, RECOVERABLE, Formation, Step
+from pliant.formations import OWNED, RECOVERABLE, Formation, Step, steps_from
 from pliant.pose import Axis, Partial
 from pliant.reasoners.vlm.replies import (
     AbsolutePlan,
-    AbsoluteStep,
     Analysis,
     BoundedPlan,
     change_field,
@@ -29,9 +30,8 @@ _STOP, _NONE = "stop", "none"
 
 
 def analysis_of(reply: Analysis) -> FailureAnalysis:
-    changes = {f: _goal_change(reply, f) for f in RECOVERABLE}
+    changes = {f: _told(reply, partial(change_field, f), OWNED[f]) for f in RECOVERABLE}
     motion = changes.get(Formation(reply.wrong_goal), {}) if reply.wrong_goal != _NONE else {}
-    shift = {a: a.from_report(getattr(reply, motion_field(a), 0)) for a in Axis}
     corners = (
         f"bottom-left corner {reply.bottom_left_corner},"
         f" bottom-right corner {reply.bottom_right_corner}"
@@ -40,24 +40,28 @@ def analysis_of(reply: Analysis) -> FailureAnalysis:
         what=f"{reply.what_happened} ({corners})",
         why=reply.why,
         how=reply.how_to_recover,
-        motion={**motion, **{axis: by for axis, by in shift.items() if by}},
+        motion={**motion, **_told(reply, motion_field, Axis)},
         changes={f: by for f, by in changes.items() if by},
     )
 
 
-def _goal_change(reply: BaseModel, formation: Formation) -> Partial:
-    """The change that a reply names of a formation's goal [m]; of 0 none."""
-    changes = {axis: _change(reply, formation, axis) for axis in OWNED[formation]}
-    return {axis: by for axis, by in changes.items() if by}
+def _told(reply: BaseModel, field: Callable[[Axis], str], axes: Iterable[Axis]) -> Partial:
+    """What the reply's fields for axes name [m, rad]; nothing of an axis without one, or with 0."""
+    told = {axis: axis.from_report(getattr(reply, field(axis), 0)) for axis in axes}
+    return {axis: by for axis, by in told.items() if by}
 
 
 def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
-    """The steps that a plan in either form names; none: stop."""
+    """The steps that a plan in either form names; none: stop. A shift is kept where its formation
+    has none, too, to be refused."""
     if isinstance(reply, AbsolutePlan):
         return tuple(
             Step(
                 formation=Formation(step.skill),
-                goal={OWNED[Formation(step.skill)][0]: step.goal_mm * 1e-3, **_shifts(step)},
+                goal={
+                    OWNED[Formation(step.skill)][0]: step.goal_mm * 1e-3,
+                    **_told(step, shift_field, Axis),
+                },
                 retreat=step.retreat_first,
             )
             for step in reply.steps
@@ -65,52 +69,23 @@ def steps_of(reply: BaseModel, case: Case) -> tuple[Step, ...]:
     assert isinstance(reply, BoundedPlan)
     if reply.resume_from == _STOP:
         return ()
-    start = Formation(reply.resume_from)
-    return tuple(
-        Step(
-            formation=formation,
-            goal={
-                **{
-                    axis: value + _change(reply, formation, axis)
-                    for axis, value in case.goals.formations[formation].items()
-                },
-                **{
-                    axis: by
-                    for axis in shifts(case.method, formation)
-                    if (by := _change(reply, formation, axis))
-                },
-            },
-            retreat=reply.retreat_first and formation is start,
-        )
-        for formation in RECOVERABLE
-        if formation.order >= start.order
-    )
+    goals = {}
+    for formation in RECOVERABLE:
+        current, own = case.goals.formations[formation], shifts(case.method, formation)
+        told = _told(reply, partial(change_field, formation), (*current, *own))
+        moved = {axis: value + told.get(axis, 0.0) for axis, value in current.items()}
+        goals[formation] = {**moved, **{axis: told[axis] for axis in own if axis in told}}
+    return steps_from(Formation(reply.resume_from), goals, retreat=reply.retreat_first)
 
 
-def _shifts(step: AbsoluteStep) -> Partial:
-    """The shifts that a step names; where its formation has none, too, to be refused."""
-    told = {axis: axis.from_report(getattr(step, shift_field(axis), 0)) for axis in Axis}
-    return {axis: by for axis, by in told.items() if by}
-
-
-def _change(reply: BaseModel, formation: Formation, axis: Axis) -> float:
-    """A change that the reply names [m, rad]; 0 for a shift where its form has none."""
-    return axis.from_report(getattr(reply, change_field(formation, axis), 0))
-
-
-def in_metres(reply: BaseModel, case: Case) -> str | None:
-    """The reason why a plan seems to be written in metres, and so says nothing; None: it does
-    not."""
-    if isinstance(reply, AbsolutePlan):
-        for step in steps_of(reply, case):
-            for axis, value in step.goal.items():
-                if axis not in OWNED[step.formation]:
-                    continue
-                told, current = value * 1e3, case.goals.formations[step.formation][axis] * 1e3
-                if abs(told * 1e3 - current) < abs(told - current):
-                    return (
-                        f"{step.formation}: goal_mm is {told:g}, which looks like metres; give mm"
-                    )
+def in_metres(steps: Sequence[Step], case: Case) -> str | None:
+    """The reason why a plan of absolute goals seems to be written in metres, and so says nothing;
+    None: it does not."""
+    for step in steps:
+        for axis in OWNED[step.formation]:
+            told, current = step.goal[axis] * 1e3, case.goals.formations[step.formation][axis] * 1e3
+            if abs(told * 1e3 - current) < abs(told - current):
+                return f"{step.formation}: goal_mm is {told:g}, which looks like metres; give mm"
     return None
 
 

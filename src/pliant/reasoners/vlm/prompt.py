@@ -5,8 +5,6 @@ It sees what the case holds and no more; numbers are in millimetres and degrees,
 """
 
 from collections.abc import Iterable, Sequence
-from functools import cache
-from importlib.resources import files
 from string import Template
 
 import numpy as np
@@ -14,15 +12,16 @@ from numpy.typing import NDArray
 from pydantic_ai.messages import BinaryContent, UserContent
 
 from pliant import pictures
-from pliant.belief import Belief
+from pliant.belief import JUMP_M, Belief
 from pliant.cell import Stop
 from pliant.envelope import Limits
 from pliant.errors import InputError
-from pliant.formations import OWNED, Formation, Goals, Step
+from pliant.formations import OWNED, Step
+from pliant.methods.words import words_of
 from pliant.pose import Axis, Partial, Pose, describe
 from pliant.reasoners.vlm.figures import figures
-from pliant.reasoners.vlm.settings import Decider, Settings
-from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
+from pliant.reasoners.vlm.settings import Settings
+from pliant.records import Case, Check, Evidence, FailureAnalysis, Verdict
 from pliant.vision.scene import Measured, Scene
 from pliant.vision.surround import OBLIQUE
 
@@ -45,7 +44,6 @@ _BELIEVED = {
     "upright_roll": ("hand, for the peg to hang upright", Axis.ROLL),
     "upright_pitch": ("hand, for the peg to hang upright", Axis.PITCH),
 }
-_APART_M = 0.003  # a reading so far from the belief is not believed
 
 
 def instructions(settings: Settings, case: Case, limits: Limits) -> str:
@@ -61,23 +59,11 @@ def instructions(settings: Settings, case: Case, limits: Limits) -> str:
             f"method {case.method.name} has no words for a model: its `words` must hold a 'task',"
             " which says what its skills do"
         )
-    names = ["task", "picture"]
-    if settings.judge is Decider.VLM:
-        names.append("judge")
-    if settings.recover is Decider.VLM and settings.probes:
-        names.append("probe")
-    if settings.recover is Decider.VLM:
-        names += ["analyse", f"plan_{settings.plan}"]
+    stages = (f"plan_{settings.plan}" if s == "plan" else s for s in settings.stages)
     values = figures(case, settings, limits)
-    prompts = (words.get(name) or _common(name) for name in names)
+    common = words_of("pliant.reasoners.vlm")  # which do for any method
+    prompts = (words.get(name) or common[name] for name in ("task", "picture", *stages))
     return "\n\n".join(Template(text).substitute(values).strip() for text in prompts)
-
-
-@cache
-def _common(name: str) -> str:
-    """A prompt in the words that do for any method."""
-    prompt = files("pliant.reasoners.vlm") / "prompts" / f"{name}.md"
-    return prompt.read_text(encoding="utf-8")
 
 
 def tells_measurements(settings: Settings, case: Case) -> bool:
@@ -126,7 +112,7 @@ def situation(
 
 def _from_above(case: Case) -> NDArray[np.uint8] | None:
     """The last picture that the oblique camera took in this trial; None: it took none."""
-    for outcome in (case.outcome, *(e.outcome for e in reversed(case.history))):
+    for outcome in reversed(case.outcomes):
         for look in reversed(outcome.looks):
             view = look.observation.views.get(OBLIQUE)
             if view is not None:
@@ -141,7 +127,7 @@ def _sections(
     analysis: FailureAnalysis | None,
 ) -> Iterable[str]:
     follows = case.method.follows_belief
-    yield _shifts(case) if follows else _goals(case.goals)
+    yield _goals(case)
     if settings.history and case.history:
         yield _history(case, settings)
     yield _executed(case, settings)
@@ -171,20 +157,16 @@ def _probes(case: Case) -> str:
     return "\n".join([*lines, f"{case.probes_left} left in this trial"])
 
 
-def _goals(goals: Goals) -> str:
-    rows = [[f, _mm(goals.formations[f], OWNED[f])] for f in Formation]
-    return "## Current goals\n" + _table(["skill", "goal"], rows)
-
-
-def _shifts(case: Case) -> str:
-    """The section with the goals in force beside the taught ones, where the skills go by the
+def _goals(case: Case) -> str:
+    """The section with the goals in force, beside the taught ones where the skills go by the
     difference."""
-    rows = []
-    for formation in Formation:
+    head, rows = ["skill", "goal", "shift from the taught"], []
+    for formation, axes in OWNED.items():
         goal, taught = (g.formations[formation] for g in (case.goals, case.teaching.goals))
-        shift = {axis: goal[axis] - taught[axis] for axis in OWNED[formation]}
-        rows.append([formation, *(_mm(values, OWNED[formation]) for values in (goal, shift))])
-    return "## Current goals\n" + _table(["skill", "goal", "shift from the taught"], rows)
+        shift = {axis: goal[axis] - taught[axis] for axis in axes}
+        rows.append([formation, _mm(goal, axes), _mm(shift, axes)])
+    told = 3 if case.method.follows_belief else 2
+    return "## Current goals\n" + _table(head[:told], [row[:told] for row in rows])
 
 
 def _history(case: Case, settings: Settings) -> str:
@@ -211,13 +193,14 @@ def _executed(case: Case, settings: Settings) -> str:
     checks = _checks(case.evidence, settings, case)
     named = {axis for axes in case.method.plannable.values() for axis in axes}
     axes = [axis for axis in Axis if axis in named]
+    ended = "ended by the compression limit" if outcome.stop is Stop.COMPRESSION else "ran its way"
     return "\n".join(
         [
             f"## Executed last: no {len(case.history) + 1}, {formation}"
             + (" after a retreat" if outcome.step.retreat else ""),
             f"goal: {_goal(outcome.step, case)}",
             f"terminal pose: {_mm(outcome.pose, axes)}",
-            _compression(outcome),
+            f"skill: {ended}, peak_compression_mm {outcome.peak_compression_m * 1e3:.1f}",
             *(f"{name}: {told}" for name, told in checks.items() if told != _NOT_MADE),
         ]
     )
@@ -226,11 +209,6 @@ def _executed(case: Case, settings: Settings) -> str:
 def _goal(step: Step, case: Case) -> str:
     """A step's goal: its own axes, then the shifts that it has."""
     return _mm(step.goal, [a for a in case.method.plannable[step.formation] if a in step.goal])
-
-
-def _compression(outcome: Outcome) -> str:
-    ended = "ended by the compression limit" if outcome.stop is Stop.COMPRESSION else "ran its way"
-    return f"skill: {ended}, peak_compression_mm {outcome.peak_compression_m * 1e3:.1f}"
 
 
 def _measured(case: Case) -> str:
@@ -284,16 +262,12 @@ def _seen(case: Case) -> str:
     if scene.board_yaw is not None:
         lines.append(f"oblique camera: board yaw_deg {_within(scene.board_yaw, Axis.YAW)}")
     lines += [f"not measured: {problem}" for problem in scene.problems]
-    return "\n".join([*lines, *_belief(belief), *_disbelieved(scene, belief)])
-
-
-def _belief(belief: Belief) -> list[str]:
-    lines = ["## Believed, from all looks; ± one standard deviation of a reading"]
+    lines.append("## Believed, from all looks; ± one standard deviation of a reading")
     for name, (what, axis) in _BELIEVED.items():
         value = getattr(belief, name)
-        told = "not seen yet" if value is None else _within(value, axis)
-        lines.append(f"{what}: {axis}_{axis.report_unit} {told}")
-    return lines
+        held = "not seen yet" if value is None else _within(value, axis)
+        lines.append(f"{what}: {axis}_{axis.report_unit} {held}")
+    return "\n".join([*lines, *_disbelieved(scene, belief)])
 
 
 def _disbelieved(scene: Scene, belief: Belief) -> list[str]:
@@ -307,7 +281,7 @@ def _disbelieved(scene: Scene, belief: Belief) -> list[str]:
     return [
         f"not believed: {name} {_within(reading)}, as it is {_within(held)} by the looks before"
         for name, (reading, held) in pairs.items()
-        if reading is not None and held is not None and abs(reading.value - held.value) > _APART_M
+        if reading is not None and held is not None and abs(reading.value - held.value) > JUMP_M
     ]
 
 

@@ -6,12 +6,11 @@ the same way, else the rules answer in its place. The record says which.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel
-from pydantic_ai.messages import UserContent
 from pydantic_ai.models import Model
 
 from pliant.cell import Stop
@@ -30,7 +29,7 @@ from pliant.reasoners.vlm.replies import (
     with_analysis,
 )
 from pliant.reasoners.vlm.settings import Decider, Plans, Settings
-from pliant.reasoners.vlm.tape import NoTape, Tape
+from pliant.reasoners.vlm.tape import Tape
 from pliant.reasoners.vlm.wire import Budget, Wire
 from pliant.records import Case, Exchange, FailureAnalysis, Probe, Recovery, Verdict
 
@@ -48,7 +47,7 @@ class Vlm:
     asked: Model
     limits: Limits = field(default_factory=Limits)
     name: str = "vlm"
-    tape: Tape = field(default_factory=NoTape)
+    tape: Tape = field(default_factory=Tape)
     rules: Rules = field(default_factory=Rules)
     _silent: int = 0
     _last: str = ""
@@ -69,25 +68,16 @@ class Vlm:
         settings = self.settings
         if settings.judge is Decider.RULES:
             return self.rules.judge(case)
-        known = unasked(case)
+        known = unasked(case) or (_agreed(case) if settings.skip_agreed else None)
         if known is not None:
             return known
-        if settings.skip_agreed:
-            agreed = _agreed(case)
-            if agreed is not None:
-                return agreed
         is_insertion = case.outcome.step.formation is Formation.INSERTION
         answer = self._ask(
             case,
             "judge",
-            prompt.situation(
-                case,
-                settings,
-                asked=prompt.ASKED["judge"],
-                goal_picture=settings.goal_picture and is_insertion,
-            ),
             Judgement,
             self._deadline(),
+            goal_picture=settings.goal_picture and is_insertion,
         )
         said = answer.value
         if said is not None:
@@ -120,13 +110,7 @@ class Vlm:
         """The probe that the model asks for (protocol `pliant.recovery.Inquirer`)."""
         if self.settings.recover is Decider.RULES or not self.settings.probes:
             return None
-        content = prompt.situation(
-            case,
-            self.settings,
-            asked=prompt.ASKED["probe"],
-            verdict=self._told(case, verdict),
-        )
-        answer = self._ask(case, "probe", content, Inquiry, self._deadline())
+        answer = self._ask(case, "probe", Inquiry, self._deadline(), verdict=verdict)
         said = answer.value
         if said is None or said.probe == "none":
             self._inquired = answer.exchanges
@@ -147,13 +131,8 @@ class Vlm:
         until = self._deadline()
         if self.settings.one_call:
             return self._planned(case, verdict, None, (), until)
-        content = prompt.situation(
-            case,
-            self.settings,
-            asked=prompt.ASKED["analyse"],
-            verdict=self._told(case, verdict),
-        )
-        answer = self._ask(case, "analyse", content, analysis_form(case.method), until)
+        form = analysis_form(case.method)
+        answer = self._ask(case, "analyse", form, until, verdict=verdict)
         if answer.value is None:
             return self._instead(case, verdict, None, answer.problem, answer.exchanges)
         analysis = plans.analysis_of(answer.value)
@@ -172,39 +151,34 @@ class Vlm:
         plan = _plan(case, settings)
         reply = with_analysis(plan, analysis_form(case.method)) if analysis is None else plan
         most_m = settings.step_limit_mm * 1e-3
+        proposed: Recovery | None = None  # by the last reply that could be read
 
-        def proposal(said: BaseModel) -> Recovery:
-            if isinstance(said, Analysis):
-                told = plans.analysis_of(said)
-            else:
-                assert analysis is not None, "a reply without an analysis follows one"
-                told = analysis
-            return Recovery(analysis=told, steps=plans.steps_of(said, case), by=self.name)
+        def check(said: BaseModel) -> str | None:
+            nonlocal proposed
+            steps = plans.steps_of(said, case)
+            told = plans.analysis_of(said) if isinstance(said, Analysis) else analysis
+            assert told is not None, "a reply without an analysis follows one"
+            proposed = Recovery(analysis=told, steps=steps, by=self.name)
+            reason = plans.in_metres(steps, case) if settings.plan is Plans.ABSOLUTE else None
+            if reason is None:
+                return plans.refusal(proposed, case, self.limits, most_m)
+            proposed = None
+            return reason
 
         answer = self._ask(
             case,
             "plan",
-            prompt.situation(
-                case,
-                settings,
-                asked=prompt.ASKED["both" if analysis is None else "plan"],
-                verdict=self._told(case, verdict),
-                analysis=analysis,
-            ),
             reply,
             until,
-            check=lambda said: (
-                plans.in_metres(said, case)
-                or plans.refusal(proposal(said), case, self.limits, most_m)
-            ),
+            asked="both" if analysis is None else "plan",
+            verdict=verdict,
+            analysis=analysis,
+            check=check,
         )
         exchanges = before + answer.exchanges
-        if answer.value is not None:
-            return replace(proposal(answer.value), exchanges=exchanges)
-        refused = answer.refused
-        if refused is None or plans.in_metres(refused, case) is not None:
-            return self._instead(case, verdict, None, answer.problem, exchanges)
-        return self._instead(case, verdict, proposal(refused), answer.problem, exchanges)
+        if answer.value is not None and proposed is not None:
+            return replace(proposed, exchanges=exchanges)
+        return self._instead(case, verdict, proposed, answer.problem, exchanges)
 
     def _told(self, case: Case, verdict: Verdict) -> Verdict:
         """The verdict as the model is told it. The words of another judge hold measurements and
@@ -246,24 +220,35 @@ class Vlm:
         self,
         case: Case,
         stage: str,
-        content: Sequence[UserContent],
         reply: type[T],
         until: float,
+        *,
+        asked: str | None = None,
+        verdict: Verdict | None = None,
         check: Callable[[T], str | None] = lambda _: None,
+        **shown: Any,
     ) -> ModelAnswer[T]:
+        """The model's answer to the situation with the verdict so far, and what else is `shown`;
+        `asked` is as in `prompt.ASKED`, the stage if None."""
         if self._silent >= _SILENT:
             why = f"not asked: the model was silent {_SILENT} times in a row, last for {self._last}"
-            return ModelAnswer(value=None, problem=why, refused=None, exchanges=())
+            return ModelAnswer(value=None, problem=why)
         left = until - time.monotonic()
         if left <= 0:
             why = f"no time left of the {self.settings.deadline_s:g} s for this decision"
-            return ModelAnswer(value=None, problem=why, refused=None, exchanges=())
+            return ModelAnswer(value=None, problem=why)
         answer = ask(
             self._wire,
             self.settings,
             stage=stage,
             instructions=prompt.instructions(self.settings, case, self.limits),
-            content=content,
+            content=prompt.situation(
+                case,
+                self.settings,
+                asked=prompt.ASKED[asked or stage],
+                verdict=None if verdict is None else self._told(case, verdict),
+                **shown,
+            ),
             reply=reply,
             deadline_s=left,
             check=check,
@@ -279,18 +264,13 @@ class Vlm:
 
 def _forms(case: Case, settings: Settings) -> dict[str, type[BaseModel]]:
     """All forms that a trial asks for, by stage, the same in each of its requests."""
-    forms: dict[str, type[BaseModel]] = {}
-    if settings.judge is Decider.VLM:
-        forms["judge"] = Judgement
-    if settings.recover is Decider.VLM and settings.probes:
-        forms["probe"] = Inquiry
-    if settings.recover is Decider.VLM:
-        plan, analysis = _plan(case, settings), analysis_form(case.method)
-        if settings.one_call:
-            forms["plan"] = with_analysis(plan, analysis)
-        else:
-            forms |= {"analyse": analysis, "plan": plan}
-    return forms
+    forms: dict[str, type[BaseModel]] = {"judge": Judgement, "probe": Inquiry}
+    plan, analysis = _plan(case, settings), analysis_form(case.method)
+    if settings.one_call:
+        forms["plan"] = with_analysis(plan, analysis)
+    else:
+        forms |= {"analyse": analysis, "plan": plan}
+    return {stage: forms[stage] for stage in settings.stages if stage in forms}
 
 
 def _plan(case: Case, settings: Settings) -> type[BaseModel]:

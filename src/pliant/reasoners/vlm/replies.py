@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
-from pliant.formations import MOST_TURN, RECOVERABLE, Formation
+from pliant.formations import MOST_TURN, OWNED, RECOVERABLE, Formation
 from pliant.pose import Axis
 from pliant.reasoners.vlm.words import printable
 from pliant.records import KnownMethod, shifts
@@ -92,9 +92,6 @@ class BoundedPlan(Strict):
 
     resume_from: Literal["fit", "align", "insertion", "stop"]
     retreat_first: bool = Field(description="Lift out of the hole and come down again first")
-    fit_y_change_mm: int
-    align_y_change_mm: int
-    insertion_z_change_mm: int
 
 
 def motion_field(axis: Axis) -> str:
@@ -143,15 +140,14 @@ def absolute_plan(method: KnownMethod) -> type[AbsolutePlan]:
 
 
 def bounded_plan(most_mm: float, method: KnownMethod) -> type[BoundedPlan]:
-    """BoundedPlan whose schema bounds each change to whole millimetres within `most_mm`, with room
-    for the method's shifts."""
+    """BoundedPlan with a change of each goal, which the schema bounds to whole millimetres within
+    `most_mm`, and with room for the method's shifts."""
     changes: dict[str, Any] = {
-        name: _whole(f"Change of the goal of {skill}, whole millimetres", most_mm, _MOST_MM)
-        for name, skill in (
-            ("fit_y_change_mm", "fit along y"),
-            ("align_y_change_mm", "align along y"),
-            ("insertion_z_change_mm", "insertion along z"),
+        change_field(formation, axis): _whole(
+            f"Change of the goal of {formation} along {axis}, whole millimetres", most_mm, _MOST_MM
         )
+        for formation in RECOVERABLE
+        for axis in OWNED[formation]
     }
     changes |= {
         change_field(formation, axis): _shift(formation, axis, most_mm)

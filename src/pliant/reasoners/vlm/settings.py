@@ -122,8 +122,10 @@ class Settings:
     """The price of a million tokens sent and received, where pliant does not know the model's."""
 
     def __post_init__(self) -> None:
-        _positive(self, "clamp_mm", "deadline_s")
-        _positive(self, "reply_tokens", "max_requests", "max_tokens")
+        for name in ("clamp_mm", "deadline_s", "reply_tokens", "max_requests", "max_tokens"):
+            value = getattr(self, name)
+            if not 0 < value < math.inf:
+                raise InputError(f"{name} is {value:g}: it must be above 0")
         if not 1 <= self.step_limit_mm < math.inf:
             raise InputError(f"step_limit_mm is {self.step_limit_mm:g}: it must be 1 or more")
         if self.history < 0:
@@ -140,6 +142,14 @@ class Settings:
             raise InputError(f"usd_per_million is {self.usd_per_million}: prices are 0 or more")
         if self.base_url is not None:
             _check_address(self.base_url)
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages that the model decides."""
+        judging = ("judge",) if self.judge is Decider.VLM else ()
+        if self.recover is Decider.RULES:
+            return judging
+        return (*judging, *(("probe",) if self.probes else ()), "analyse", "plan")
 
     @property
     def output_mode(self) -> Output:
@@ -204,13 +214,6 @@ def from_fields(given: Mapping[str, Any]) -> Settings:
 @lru_cache
 def _adapter() -> TypeAdapter[Settings]:
     return TypeAdapter(Settings)
-
-
-def _positive(settings: Settings, *names: str) -> None:
-    for name in names:
-        value = getattr(settings, name)
-        if not 0 < value < math.inf:
-            raise InputError(f"{name} is {value:g}: it must be above 0")
 
 
 def _check_address(address: str) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from pydantic import TypeAdapter
 from pydantic_ai.messages import ModelResponse
@@ -39,45 +39,31 @@ class Request:
     words: Document
     pictures: tuple[bytes, ...]
 
-    @property
-    def key(self) -> str:
-        """A hash of the words."""
-        return _hash_of(self.words)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
-    """A reply as it came back, in plain JSON, or the error in its place."""
+    """A reply as it came back, or the error in its place."""
 
-    message: Document | None
+    message: ModelResponse | None
     error: str
     latency_s: float
     same_pictures: bool = True
 
 
-class Tape(Protocol):
-    """A tape that requests pass by: a recording is written, a replay answers them itself."""
+class Tape:
+    """A tape that requests pass by: a recording is written, a replay answers them itself. This one
+    records nothing and replays nothing."""
 
     def find(self, request: Request) -> Reply | None:
         """The recorded reply; None: ask the model."""
-        ...
-
-    def keep(self, request: Request, reply: Reply) -> None: ...
-
-
-@dataclass(frozen=True)
-class NoTape:
-    """A tape that records nothing and replays nothing."""
-
-    def find(self, request: Request) -> Reply | None:
         return None
 
     def keep(self, request: Request, reply: Reply) -> None:
-        pass
+        """Record a request with its reply."""
 
 
 @dataclass
-class Recorder:
+class Recorder(Tape):
     """Writes a recording; one that was in the file before is replaced.
 
     Raises:
@@ -101,9 +87,6 @@ class Recorder:
         head = {"tape": TAPE_SCHEMA, "versions": {k: v for k, v in versions.items() if v}}
         self._write([head], anew=True)
 
-    def find(self, request: Request) -> Reply | None:
-        return None
-
     def keep(self, request: Request, reply: Reply) -> None:
         named = {_hash(png): png for png in request.pictures}
         lines: list[Document] = [
@@ -114,7 +97,7 @@ class Recorder:
         exchange = {
             "request": request.words,
             "pictures": [_hash(png) for png in request.pictures],
-            "reply": reply.message,
+            "reply": reply.message and RESPONSE.dump_python(reply.message, mode="json"),
             "error": reply.error,
             "latency_s": reply.latency_s,
         }
@@ -137,7 +120,7 @@ class Recorder:
 
 
 @dataclass
-class Replayer:
+class Replayer(Tape):
     """Answers from a recording. The same request, asked again, gets the next recorded reply.
 
     Raises:
@@ -145,7 +128,9 @@ class Replayer:
     """
 
     path: Path
-    _exchanges: dict[str, deque[Document]] = field(default_factory=lambda: defaultdict(deque))
+    _exchanges: dict[str, deque[tuple[Document, ModelResponse | None]]] = field(
+        default_factory=lambda: defaultdict(deque)
+    )
     _order: list[Document] = field(default_factory=list)
     _pictures: set[str] = field(default_factory=set)
     _used: int = 0
@@ -171,20 +156,17 @@ class Replayer:
     def find(self, request: Request) -> Reply | None:
         """The recorded reply; raises InputError where the recording has no such request left: it
         says what differs."""
-        waiting = self._exchanges.get(request.key)
+        waiting = self._exchanges.get(_hash_of(request.words))
         if not waiting:
             raise InputError(self._mismatch(request))
-        found = waiting.popleft()
+        found, message = waiting.popleft()
         self._used += 1
         return Reply(
-            message=found["reply"],
+            message=message,
             error=found["error"],
             latency_s=float(found["latency_s"]),
             same_pictures=found["pictures"] == [_hash(png) for png in request.pictures],
         )
-
-    def keep(self, request: Request, reply: Reply) -> None:
-        pass
 
     def _read(self, line: Document, number: int) -> None:
         if number == 1:
@@ -195,13 +177,14 @@ class Replayer:
                 raise ValueError("the picture is not the one that was recorded")
             self._pictures.add(line["picture"])
         else:
+            message = None
             if line["reply"] is not None:
-                RESPONSE.validate_python(line["reply"])
+                message = RESPONSE.validate_python(line["reply"])
             elif not line["error"]:
                 raise ValueError("it has neither a reply nor an error")
             if not self._pictures.issuperset(line["pictures"]):
                 raise ValueError("a picture that it shows is missing")
-            self._exchanges[Request(words=line["request"], pictures=()).key].append(line)
+            self._exchanges[_hash_of(line["request"])].append((line, message))
             self._order.append(line)
 
     def _mismatch(self, request: Request) -> str:

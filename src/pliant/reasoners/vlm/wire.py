@@ -5,12 +5,9 @@ import asyncio
 import math
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 from pydantic_ai.exceptions import AgentRunError, ModelAPIError
 from pydantic_ai.messages import (
@@ -27,11 +24,13 @@ from pydantic_ai.models import Model, ModelRequestParameters
 from pydantic_ai.models.wrapper import WrapperModel
 from pydantic_ai.settings import ModelSettings
 
+from pliant import pictures
 from pliant.reasoners.vlm.causes import MAY_PASS, why
 from pliant.reasoners.vlm.models import as_taken, takes_detail
 from pliant.reasoners.vlm.settings import Detail, Settings
 from pliant.reasoners.vlm.tape import RESPONSE, Reply, Request, Tape
 from pliant.reasoners.vlm.words import printable, without_keys
+from pliant.records import Exchange
 
 TRIES = 3  # of one request, where trying again may help
 _PAUSE_S = 0.5  # before the second try; doubled after that
@@ -65,38 +64,20 @@ class Budget:
             raise OutOfBudget(f"the trial's {most.max_usd:g} USD are spent")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Call:
-    """One request as it is kept: `error` where no reply came, `note` what is odd about it, `flaw`
-    why the reply, by its form, may not be usable."""
-
-    request: str
-    pictures: tuple[NDArray[np.uint8], ...]
-    reply: str = ""
-    model: str = ""
-    input_tokens: int = 0
-    cached_tokens: int = 0
-    output_tokens: int = 0
-    latency_s: float = 0.0
-    cost_usd: float | None = None
-    error: str = ""
-    note: str = ""
-    flaw: str = ""
-
-
 @dataclass(init=False)
 class Wire(WrapperModel):
-    """A model behind the budget and the tape. `calls` grows by one with each request; none is tried
-    again after `until` (monotonic clock)."""
+    """A model behind the budget and the tape. `exchanges` grows by one of this `stage` with each
+    request, none of which is tried again after `until` (monotonic clock); `flaw` is why the last
+    reply, by its form, may not be usable."""
 
     budget: Budget
     tape: Tape
-    calls: list[Call] = field(default_factory=list)
-    until: float = math.inf
 
     def __init__(self, wrapped: Model, budget: Budget, tape: Tape) -> None:
         super().__init__(wrapped)
-        self.budget, self.tape, self.calls, self.until = budget, tape, [], math.inf
+        self.budget, self.tape = budget, tape
+        self.exchanges: list[Exchange] = []
+        self.stage, self.until, self.flaw = "", math.inf, ""
 
     def prepare_messages(
         self,
@@ -121,15 +102,14 @@ class Wire(WrapperModel):
         )
         found = self.tape.find(request)
         if found is not None:
-            return self._answered(messages, found, found.same_pictures)
+            return self._answered(messages, found)
         started = time.perf_counter()
         try:
             response = await self._tried(messages, model_settings, model_request_parameters)
             latency_s = _since(started)
             said = RESPONSE.validate_json(without_keys(RESPONSE.dump_json(response).decode()))
             said = _cut(_without_orphan(said), self.budget.settings.reply_tokens)
-            message = RESPONSE.dump_python(said, mode="json")
-            reply = Reply(message=message, error="", latency_s=latency_s)
+            reply = Reply(message=said, error="", latency_s=latency_s)
         except asyncio.CancelledError:
             self._failed(request, messages, "no reply before the deadline", started)
             raise
@@ -137,7 +117,7 @@ class Wire(WrapperModel):
             self._failed(request, messages, why(error, self.wrapped.base_url), started)
             raise
         self.tape.keep(request, reply)
-        return self._answered(messages, reply, same_pictures=True)
+        return self._answered(messages, reply)
 
     async def _tried(
         self,
@@ -169,32 +149,27 @@ class Wire(WrapperModel):
                 await asyncio.sleep(pause)
         raise AssertionError("the last try returns or raises")
 
-    def _answered(
-        self, messages: list[ModelMessage], reply: Reply, same_pictures: bool
-    ) -> ModelResponse:
+    def _answered(self, messages: list[ModelMessage], reply: Reply) -> ModelResponse:
         """The reply as a message, written down and counted."""
-        note = "" if same_pictures else "replayed; a picture differs from the recorded one"
         if reply.message is None:
-            self.calls.append(_call(messages, error=reply.error, latency_s=reply.latency_s))
+            self._keep(messages, refused=reply.error, latency_s=reply.latency_s)
             raise ModelAPIError("recorded", reply.error)
-        response = _without_orphan(RESPONSE.validate_python(reply.message))
+        response = _without_orphan(reply.message)
         usage, cost = response.usage, self._cost(response)
         self.budget.tokens += usage.input_tokens + usage.output_tokens
         self.budget.usd += cost or 0.0
-        self.calls.append(
-            _call(
-                messages,
-                reply=_beginning(_text(response)),
-                model=response.model_name or self.wrapped.model_name,
-                input_tokens=usage.input_tokens,
-                cached_tokens=usage.cache_read_tokens,
-                output_tokens=usage.output_tokens,
-                latency_s=reply.latency_s,
-                cost_usd=cost,
-                note=note,
-                flaw=_flaw(response, self.budget.settings.reply_tokens),
-            )
+        self._keep(
+            messages,
+            reply=_beginning(_text(response)),
+            model=response.model_name or self.wrapped.model_name,
+            input_tokens=usage.input_tokens,
+            cached_tokens=usage.cache_read_tokens,
+            output_tokens=usage.output_tokens,
+            latency_s=reply.latency_s,
+            cost_usd=cost,
+            note="" if reply.same_pictures else "replayed; a picture differs from the recorded one",
         )
+        self.flaw = _flaw(response, self.budget.settings.reply_tokens)
         return response
 
     def _failed(
@@ -202,8 +177,22 @@ class Wire(WrapperModel):
     ) -> None:
         waited = _since(started)
         self.tape.keep(request, Reply(message=None, error=why, latency_s=waited))
-        model = self.wrapped.model_name
-        self.calls.append(_call(messages, error=why, latency_s=waited, model=model))
+        self._keep(messages, refused=why, latency_s=waited, model=self.wrapped.model_name)
+
+    def _keep(
+        self, messages: list[ModelMessage], *, model: str = "", reply: str = "", **rest: Any
+    ) -> None:
+        """Write an exchange down, with the newest message of the conversation, and the instructions
+        where it is the first. What a refused reply was echoes in that message."""
+        instructions, text = _instructions(messages), _beginning(_text(messages[-1]))
+        asked = f"{instructions}\n\n{text}" if len(messages) == 1 and instructions else text
+        shown = tuple(pictures.decoded(p.data) for p in _pictures(messages[-1:]))
+        self.exchanges.append(
+            Exchange(
+                stage=self.stage, request=asked, reply=reply, model=model, pictures=shown, **rest
+            )
+        )
+        self.flaw = ""
 
     def _cost(self, response: ModelResponse) -> float | None:
         price = self.budget.settings.usd_per_million
@@ -254,18 +243,6 @@ def _words(
 def _instructions(messages: list[ModelMessage]) -> str:
     found = (m.instructions for m in messages if isinstance(m, ModelRequest) and m.instructions)
     return next(found, "")
-
-
-def _call(messages: list[ModelMessage], **rest: Any) -> Call:
-    """A call that begins with the newest message of a conversation, with its instructions where it
-    is the first."""
-    instructions = _instructions(messages)
-    text = _beginning(_text(messages[-1]))  # what a refused reply was echoes in it
-    return Call(
-        request=f"{instructions}\n\n{text}" if len(messages) == 1 and instructions else text,
-        pictures=tuple(_decoded(p.data) for p in _pictures(messages[-1:])),
-        **rest,
-    )
 
 
 def _cut(response: ModelResponse, tokens: int) -> ModelResponse:
@@ -332,24 +309,18 @@ def _detailed(message: ModelMessage, detail: Detail) -> ModelMessage:
     """The message with each picture marked for the resolution at which it is to be looked at."""
     if not isinstance(message, ModelRequest):
         return message
-    marked = {"detail": str(detail)}
-    return replace(
-        message,
-        parts=[
-            replace(
-                part,
-                content=[
-                    replace(item, vendor_metadata=marked)
-                    if isinstance(item, BinaryContent)
-                    else item
-                    for item in part.content
-                ],
-            )
-            if isinstance(part, UserPromptPart) and not isinstance(part.content, str)
-            else part
-            for part in message.parts
-        ],
-    )
+
+    def marked(item: Any) -> Any:
+        is_picture = isinstance(item, BinaryContent)
+        return replace(item, vendor_metadata={"detail": str(detail)}) if is_picture else item
+
+    parts = [
+        replace(part, content=[marked(item) for item in part.content])
+        if isinstance(part, UserPromptPart) and not isinstance(part.content, str)
+        else part
+        for part in message.parts
+    ]
+    return replace(message, parts=parts)
 
 
 def _pictures(messages: Iterable[ModelMessage]) -> list[BinaryContent]:
@@ -376,9 +347,3 @@ def _part_text(part: Any) -> str:
     if isinstance(part, UserPromptPart):
         return "\n".join("[picture]" if not isinstance(c, str) else c for c in content)
     return _ANYTHING.dump_json(content).decode()
-
-
-def _decoded(png: bytes) -> NDArray[np.uint8]:
-    bgr = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    assert bgr is not None, "pictures are encoded by the prompt"
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
