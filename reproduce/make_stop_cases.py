@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from pliant.cell import Trace, View
 from pliant.conditions import Condition, condition
-from pliant.experiment.bench.answers import Answer, succeeded
+from pliant.experiment.bench.answers import Answer
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
@@ -44,6 +44,7 @@ from pliant.experiment.bench.cases import (
     write,
 )
 from pliant.experiment.one import Spec, composed
+from pliant.experiment.success import succeeded
 from pliant.files import write_bytes
 from pliant.formations import OWNED, RECOVERABLE, Formation
 from pliant.levels import STOP, load_level, shipped_levels
@@ -216,7 +217,7 @@ def watch(job: Job) -> list[BenchCase]:
         for execution in executions:
             case, truth = mind.case, cell.truth()
             assert case is not None, "an execution is judged before it is shown"
-            success = succeeded(case, truth)
+            success = succeeded(case.task, case.outcome, truth)
             if success or execution.formation in RECOVERABLE:
                 key = Key(
                     kind=kind,

@@ -16,7 +16,7 @@ from pliant.cell import Truth
 from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.experiment.bench import table
-from pliant.experiment.bench.answers import Answer, answer, succeeded
+from pliant.experiment.bench.answers import Answer, answer
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
@@ -32,6 +32,7 @@ from pliant.experiment.bench.coin import Coin
 from pliant.experiment.bench.marks import put
 from pliant.experiment.bench.run import run
 from pliant.experiment.bench.scores import group
+from pliant.experiment.success import succeeded
 from pliant.formations import OWNED, RECOVERABLE, Formation, Step
 from pliant.levels import STOP, load_level
 from pliant.methods.planar.checks import check
@@ -395,7 +396,8 @@ def truth_of(**given: Any) -> Truth:
 def test_a_formation_succeeds_where_the_next_skill_can_take_over(
     formation: Formation, truth: Truth, success: bool
 ) -> None:
-    assert succeeded(case_after(outcome_of(formation)), truth) is success
+    case = case_after(outcome_of(formation))
+    assert succeeded(case.task, case.outcome, truth) is success
 
 
 def test_the_right_step_after_a_shallow_insertion_is_to_push_on() -> None:

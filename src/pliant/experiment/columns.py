@@ -11,20 +11,6 @@ from pliant.conditions import QUANTITIES
 from pliant.pose import Axis
 from pliant.records import SCHEMA
 
-KINDS = {
-    "missed_edge": "Fit ended with the peg short of the hole, or astride its near rim",
-    "overshot": "Fit, or what followed it, ended with the peg beyond the hole's centre, outside it",
-    "compression_stop": "in the hole, and the compression limit ended the last execution",
-    "wedged": "in the hole, not deep enough, and not stopped by the compression limit",
-    "false_accept": "judged inserted, and it was not",
-    "false_reject": "inserted, and not judged so",
-    "not_inserted": "not inserted, as a person saw it; where the peg was, nobody measured",
-    "gave_up": "the reasoner stopped, or the trial ended before any Fit",
-    "cell_fault": "the cell ended it, as by a protective stop: see end_reason and fault",
-    "fault": "nothing was measured: reasoner, worker or wiring failed; see end_reason and fault",
-}
-"""The values of failure_kind; `rows.failure_kind` says how each is decided from the truth."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Column:

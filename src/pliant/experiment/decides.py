@@ -40,7 +40,7 @@ _CANNOT_DECIDE = (
     *("cli", "calibration", "commissioning", "report", "export", "envs", "emulator"),
     *("experiment", "store.py"),
 )
-_DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py")  # of the experiment's own
+_DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py", "success.py")  # of the experiment's own
 
 
 def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from pliant.experiment.columns import KINDS
 from pliant.experiment.ladder import VARIES
 from pliant.experiment.measures import is_partly, is_undecided, name
+from pliant.experiment.success import TRIAL_KINDS
 from pliant.formations import RECOVERABLE
 from pliant.text import escaped
 
@@ -257,12 +257,12 @@ def failure_kinds(cells: Sequence[Document]) -> str:
     failed = [c for c in cells if c["failure_kinds"]]
     if not failed:
         return "None."
-    kinds = [k for k in KINDS if any(k in c["failure_kinds"] for c in failed)]
+    kinds = [k for k in TRIAL_KINDS if any(k in c["failure_kinds"] for c in failed)]
     header = ["peg", "condition", "reasoner", "n", *(k.replace("_", " ") for k in kinds)]
     rows = (
         [*_who(c), str(c["n"]), *(str(c["failure_kinds"].get(k, 0)) for k in kinds)] for c in failed
     )
-    meanings = "\n".join(f"- {k.replace('_', ' ')}: {KINDS[k]}" for k in kinds)
+    meanings = "\n".join(f"- {k.replace('_', ' ')}: {TRIAL_KINDS[k]}" for k in kinds)
     return f"{_table(header, rows)}\n\n{meanings}"
 
 

@@ -19,7 +19,8 @@ from pydantic_ai.messages import BinaryContent, UserContent
 from pliant.console import Told, untold
 from pliant.envelope import Limits
 from pliant.errors import InputError
-from pliant.export.labels import KINDS, Label, case_of, causes, correction, labels
+from pliant.experiment.success import KINDS
+from pliant.export.labels import Label, case_of, causes, correction, labels
 from pliant.export.output import (
     CARD,
     LinesBySplit,

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 
-from pliant.export.labels import KINDS
+from pliant.experiment.success import KINDS
 from pliant.export.output import LICENCE, origin, split_rule, table
 from pliant.export.source import Saved, Source, counts
 from pliant.formations import Formation

@@ -10,8 +10,9 @@ from urllib.parse import quote
 from pliant.conditions import CONDITIONS
 from pliant.errors import InputError
 from pliant.experiment import faults
-from pliant.experiment.columns import KINDS, TRIALS
+from pliant.experiment.columns import TRIALS
 from pliant.experiment.measures import Row, inserted
+from pliant.experiment.success import TRIAL_KINDS
 from pliant.levels import FIELDS, shipped_levels
 from pliant.pose import Axis
 from pliant.report import words
@@ -65,7 +66,7 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
     models = {_names(t): t["model"] for t in trials}
     ends = list(dict.fromkeys(map(faults.told, trials)))
     places = {text: n for n, text in enumerate(ends)}
-    kinds = list(KINDS)
+    kinds = list(TRIAL_KINDS)
     columns: dict[str, Sequence[Any]] = {
         "cell": [place[_names(t)] for t in trials],
         "seed": [t["seed"] for t in trials],

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import urlencode
 
-from pliant.experiment.columns import KINDS
 from pliant.experiment.statistics import wilson
+from pliant.experiment.success import TRIAL_KINDS
 from pliant.experiment.tables_text import by_cell, marks, paired, shown_name
 from pliant.formations import RECOVERABLE
 from pliant.report import words
@@ -131,7 +131,7 @@ def kinds(cells: Sequence[Document]) -> Html:
     failed = [cell for cell in cells if cell["failure_kinds"]]
     if not failed:
         return tag("p", "No trial failed.")
-    names = [kind for kind in KINDS if any(kind in cell["failure_kinds"] for cell in failed)]
+    names = [kind for kind in TRIAL_KINDS if any(kind in cell["failure_kinds"] for cell in failed)]
     rows = []
     for cell in failed:
         counts = [
@@ -139,7 +139,9 @@ def kinds(cells: Sequence[Document]) -> Html:
         ]
         n = tag("td", str(cell["n"] + cell["faults"]), class_="number")
         rows.append(tag("tr", *(tag("td", text) for text in who(cell)), n, *counts))
-    meanings = [tag("div", tag("dt", _spoken(kind)), tag("dd", KINDS[kind])) for kind in names]
+    meanings = [
+        tag("div", tag("dt", _spoken(kind)), tag("dd", TRIAL_KINDS[kind])) for kind in names
+    ]
     head = ["peg", "condition", "reasoner", "trials", *map(_spoken, names)]
     caption = "Decided from the truth after each execution. Bars: the share of the cell's trials."
     return join(table(head, rows, caption), tag("dl", *meanings, class_="meanings"))
