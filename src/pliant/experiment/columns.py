@@ -10,6 +10,7 @@ import pyarrow as pa
 from pliant.conditions import QUANTITIES
 from pliant.pose import Axis
 from pliant.records import SCHEMA
+from pliant.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,8 +159,8 @@ EXECUTIONS: tuple[Column, ...] = (
 
 def dictionary(columns: tuple[Column, ...]) -> str:
     """The columns as a Markdown table, for docs/data.md."""
-    rows = [f"| `{c.name}` | `{_short(c.type)}` | {c.unit or '–'} | {c.meaning} |" for c in columns]
-    return "\n".join(["| column | type | unit | meaning |", "|---|---|---|---|", *rows])
+    rows = [(f"`{c.name}`", f"`{_short(c.type)}`", c.unit or "–", c.meaning) for c in columns]
+    return Table(["column", "type", "unit", "meaning"], rows).markdown()
 
 
 def _short(kind: pa.DataType) -> str:

@@ -38,7 +38,7 @@ from pliant.teaching import Teaching
 
 _CANNOT_DECIDE = (
     *("cli", "calibration", "commissioning", "report", "export", "envs", "emulator"),
-    *("experiment", "store.py"),
+    *("experiment", "store.py", "html.py"),
 )
 _DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py", "success.py")  # of the experiment's own
 

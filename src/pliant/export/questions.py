@@ -11,6 +11,7 @@ from pliant.export.labels import Label, causes, correction, labels, setup_of
 from pliant.formations import Formation
 from pliant.pose import Axis, Partial, describe
 from pliant.records import Execution, Recovery, Trial
+from pliant.text import rounded
 
 TYPES = ("detect", "identify", "locate", "explain", "correct")
 CENTRED_M = 0.0005  # [m] closer than this, the peg is over the hole's centre
@@ -65,7 +66,7 @@ def context(trial: Trial, label: Label) -> dict[str, Any]:
 
 def report(goal: Partial) -> dict[str, float]:
     """A goal or a pose in millimetres and degrees, the unit in each axis's name."""
-    return {f"{a}_{a.report_unit}": round(a.to_report(v), 3) + 0.0 for a, v in goal.items()}
+    return {f"{a}_{a.report_unit}": rounded(a.to_report(v), 3) for a, v in goal.items()}
 
 
 def _earlier(execution: Execution) -> dict[str, Any]:

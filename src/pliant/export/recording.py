@@ -74,9 +74,7 @@ class _Log:
 
     def everything(self, source: Source) -> None:
         self._recording.send_recording_name(self._trial.trial_id)
-        self._document(
-            "about", "\n".join([f"# {markdown(self._trial.trial_id)}", "", *origin(source)])
-        )
+        self._document("about", f"# {markdown(self._trial.trial_id)}\n\n{origin(source)}")
         self._cell()
         self._film()
         self._plots()

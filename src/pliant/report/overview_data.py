@@ -20,7 +20,7 @@ from pliant.report.summary import Names, Summary
 from pliant.report.trial import PAGE
 from pliant.store import TRIALS as FOLDER
 from pliant.task import load_task, shipped_pegs
-from pliant.text import visible
+from pliant.text import rounded, visible
 
 _NAMES = ("level", "peg", "condition", "reasoner")
 _DRAWN = "drawn_"
@@ -39,7 +39,7 @@ def quantities() -> dict[str, Axis | None]:
 
 def in_report(axis: Axis | None, value: float) -> float:
     """A drawn value in the unit in which it is shown, as exactly as the list of trials holds it."""
-    return round(value if axis is None else axis.to_report(value), 3) + 0.0
+    return rounded(value if axis is None else axis.to_report(value), 3)
 
 
 def varying(trials: Sequence[Row]) -> dict[str, Axis | None]:

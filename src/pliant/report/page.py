@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from pliant.conditions import NOMINAL, PAPER_RANGES
 from pliant.experiment.faults import is_unmeasured
 from pliant.experiment.rows import decided, exchanges, trial_row
+from pliant.html import Html, join, tag
 from pliant.records import Trial
 from pliant.repeats import of_which
 from pliant.report import timeline, words
 from pliant.report.card import Media, aborted, card
 from pliant.report.document import document
-from pliant.report.html import Html, join, tag
 from pliant.report.legend import legend
 from pliant.report.parts import badge, chapter, facts, notice, outcome, truth_box
 from pliant.report.video import Span

@@ -8,11 +8,11 @@ from pliant.cell import Motion
 from pliant.checks import POSE_TOLERANCE_M, POSE_TOLERANCE_RAD
 from pliant.envelope import Limits
 from pliant.formations import OWNED
+from pliant.html import Html, join, tag
 from pliant.pose import Axis
 from pliant.records import Execution, Trial
 from pliant.repeats import repeats
 from pliant.report import words
-from pliant.report.html import Html, join, tag
 from pliant.report.parts import outcome
 from pliant.report.video import Span
 

@@ -4,7 +4,7 @@ servers can cache it, then the goal picture, the situation, and the picture take
 It sees what the case holds and no more; numbers are in millimetres and degrees, as their names say.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
 from string import Template
@@ -23,6 +23,7 @@ from pliant.pose import Axis, Partial, Pose, describe
 from pliant.reasoners.vlm.figures import figures
 from pliant.reasoners.vlm.settings import Decider, Settings
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Outcome, Verdict
+from pliant.table import Table
 from pliant.vision.scene import Measured, Scene
 from pliant.vision.surround import OBLIQUE
 
@@ -173,7 +174,7 @@ def _probes(case: Case) -> str:
 
 def _goals(goals: Goals) -> str:
     rows = [[f, _mm(goals.formations[f], OWNED[f])] for f in Formation]
-    return "## Current goals\n" + _table(["skill", "goal"], rows)
+    return "## Current goals\n" + Table(["skill", "goal"], rows).markdown()
 
 
 def _shifts(case: Case) -> str:
@@ -184,7 +185,7 @@ def _shifts(case: Case) -> str:
         goal, taught = (g.formations[formation] for g in (case.goals, case.teaching.goals))
         shift = {axis: goal[axis] - taught[axis] for axis in OWNED[formation]}
         rows.append([formation, *(_mm(values, OWNED[formation]) for values in (goal, shift))])
-    return "## Current goals\n" + _table(["skill", "goal", "shift from the taught"], rows)
+    return "## Current goals\n" + Table(["skill", "goal", "shift from the taught"], rows).markdown()
 
 
 def _history(case: Case, settings: Settings) -> str:
@@ -200,7 +201,7 @@ def _history(case: Case, settings: Settings) -> str:
         for e in told
     ]
     names = _checks(told[0].evidence, settings, case)
-    table = _table(["no", "skill", "goal", *names, "judged"], rows)
+    table = Table(["no", "skill", "goal", *names, "judged"], rows).markdown()
     probes = [f"probe after no {e.index + 1}: {probed}" for e in told for probed in e.probes]
     return "\n".join(["## Earlier executions", table, *probes])
 
@@ -348,10 +349,6 @@ def _mm(values: Pose | Partial, axes: Iterable[Axis]) -> str:
 def _tenths(value: float) -> str:
     """Write a value to a tenth; nothing below zero is written "-0.0"."""
     return f"{round(value, 1) + 0.0:.1f}"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(line)} |" for line in [head, ["---"] * len(head), *rows])
 
 
 def shown(picture: BinaryContent) -> NDArray[np.uint8]:
