@@ -36,9 +36,9 @@ from pliant.experiment.success import succeeded
 from pliant.formations import OWNED, RECOVERABLE, Formation, Step
 from pliant.levels import STOP, load_level
 from pliant.methods.planar.checks import check
+from pliant.pictures import name_of
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Exchange, Recovery, Verdict
-from pliant.store import picture_name
 
 SET = Cases(SHIPPED)
 
@@ -437,7 +437,7 @@ def test_a_set_reads_back_as_it_was_written(own: Path) -> None:
     assert found[0].case.goals == asked.case.goals
     shown = found[0].case.teaching.demonstrations[Formation.FIT].view.image
     taught = asked.case.teaching.demonstrations[Formation.FIT].view.image
-    assert picture_name(shown) == picture_name(taught)
+    assert name_of(shown) == name_of(taught)
     assert Rules().judge(found[0].case) == Rules().judge(thinned(asked.case))
     copy = own.with_name("copy.zip")
     write(copy, Cases(own))
@@ -473,7 +473,7 @@ def second_line(line: bytes) -> Any:
         ("answers.jsonl", lambda t: t.replace(b'"fit"', b'"align"'), "to another case"),
         ("teaching.json", lambda t: t.replace(b'"schema":2', b'"schema":99'), "has schema 99"),
         (
-            f"pictures/{picture_name(np.zeros((480, 640, 3), np.uint8))}.webp",
+            f"pictures/{name_of(np.zeros((480, 640, 3), np.uint8))}.webp",
             lambda _: b"",
             "is broken",
         ),

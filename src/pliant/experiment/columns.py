@@ -61,6 +61,12 @@ def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> Colum
     return Column(name=name, type=kind, meaning=meaning, unit=unit)
 
 
+def _poses(name: str, meaning: str) -> list[Column]:
+    """The columns of a pose, one for each axis."""
+    units = {axis: "rad" if axis.is_angle else "m" for axis in Axis}
+    return [_column(f"{name}_{axis_field(a)}", _NUMBER, meaning, u) for a, u in units.items()]
+
+
 TRIALS: tuple[Column, ...] = (
     _column("trial_id", _TEXT, "level-peg-condition-reasoner-seed; unique"),
     _column("cell", _TEXT, "sim, ur5e, or emulator: a simulated cell behind a UR5e's software"),
@@ -114,16 +120,8 @@ EXECUTIONS: tuple[Column, ...] = (
     _column("index", _WHOLE, "the execution's place in the trial, from 0"),
     _column("formation", _TEXT, "approach, contact, fit, align or insertion"),
     _column("retreat", _YES_NO, "it first left the hole: up, across, down"),
-    *(
-        _column(f"goal_{axis_field(a)}", _NUMBER, "the pose that was asked for", _unit)
-        for a in Axis
-        for _unit in (["rad"] if a.is_angle else ["m"])
-    ),
-    *(
-        _column(f"end_{axis_field(a)}", _NUMBER, "the measured pose at the end", _unit)
-        for a in Axis
-        for _unit in (["rad"] if a.is_angle else ["m"])
-    ),
+    *_poses("goal", "the pose that was asked for"),
+    *_poses("end", "the measured pose at the end"),
     _column("stop", _TEXT, "reached, or compression: the limit ended it"),
     _column("peak_compression_m", _NUMBER, "of the wrist, from free hang", "m"),
     _column("checks", _CHECKS, "each check's vote (null: could not be made), message, and origin"),

@@ -14,9 +14,9 @@ from pliant.experiment.columns import axis_field
 from pliant.experiment.one import Spec
 from pliant.experiment.success import trial_kind
 from pliant.formations import RECOVERABLE, Step
-from pliant.own import short_name
 from pliant.pose import Axis, Partial, Pose
 from pliant.records import Decision, Exchange, Execution, Trial
+from pliant.teaching import shipped
 
 Row = dict[str, Any]
 
@@ -90,38 +90,17 @@ def trial_row(trial: Trial) -> Row:
 def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") -> Rows:
     """The rows of a trial that left no record: it is neither judged nor labelled. `cell` is the
     workcell's kind."""
-    return Rows(
-        trial={
-            "trial_id": spec.trial_id,
-            "cell": cell,
-            "level": spec.level,
-            "peg": spec.task.peg.name,
-            "method": short_name(spec.method),
-            "condition": spec.condition.name,
-            "reasoner": spec.reasoner_name,
-            "model": None if spec.vlm is None else spec.vlm.model,
-            "seed": spec.seed,
-            "judged": False,
-            "inserted": None,
-            "depth_m": None,
-            "end_reason": f"{faults.PREFIX}{kind}",
-            "fault": message,
-            "diagnosis": None,
-            "diagnosis_weight": None,
-            "executions": 0,
-            **{f"extra_{f}": 0 for f in RECOVERABLE},
-            "moves": 0,
-            "simulated_s": 0.0,
-            "wall_s": wall_s,
-            "failure_kind": "fault",
-            "decisions": 0,
-            "own": 0,
-            "clamped": 0,
-            "fallbacks": 0,
-            **_spent([]),
-            **{f"drawn_{k}": v for k, v in spec.condition.draw(spec.seed).quantities().items()},
-        }
+    nothing = spec.trial(
+        model=None if spec.vlm is None else spec.vlm.model,
+        goals=shipped().goals,
+        executions=(),
+        end_reason=f"{faults.PREFIX}{kind}",
+        fault=message,
+        simulated_s=0.0,
+        wall_s=wall_s,
+        cell=cell,
     )
+    return rows_of(nothing)
 
 
 def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> Row:

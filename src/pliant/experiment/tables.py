@@ -57,7 +57,7 @@ def build(folder: Path, part: Container[str] | None = None) -> Document:
     for trial in results.read_trials(folder).drop_columns(["wall_s"]).to_pylist():
         if part is not None and trial["trial_id"] not in part:
             continue
-        key = (trial["level"], trial["peg"], trial["condition"], trial["reasoner"])
+        key = measures.names(trial)
         cell = cells.setdefault(key, _Cell(key=key))
         if faults.is_fault(trial):
             cell.faulted.append(trial)

@@ -15,6 +15,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_ai.messages import BinaryContent, UserContent
 
+from pliant import pictures
 from pliant.console import Told, untold
 from pliant.envelope import Limits
 from pliant.experiment.success import KINDS
@@ -43,7 +44,7 @@ from pliant.reasoners.vlm.replies import (
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Recovery, Trial, Verdict
 from pliant.recovery import changes
-from pliant.store import PICTURES, load_trial, picture_name
+from pliant.store import PICTURES, load_trial
 from pliant.table import Table
 
 STAGES = ("judge", "analyse", "plan")
@@ -216,7 +217,7 @@ def _add(settings: Settings, lines: Lines, saved: Saved) -> None:
     trial = load_trial(saved.folder)
     for label, told in conversations(trial, settings):
         shown = [item for item in told.user if isinstance(item, BinaryContent)]
-        names = [f"{picture_name(prompt.shown(item))}.png" for item in shown]
+        names = [f"{pictures.name_of(prompt.shown(item))}.png" for item in shown]
         for name, item in zip(names, shown, strict=True):
             if not (lines.pictures / name).exists():
                 (lines.pictures / name).write_bytes(item.data)

@@ -24,9 +24,9 @@ from pliant import signals
 from pliant.console import Told, untold
 from pliant.errors import InputError, unknown
 from pliant.experiment.columns import EXECUTIONS, TRIALS, schema
+from pliant.experiment.film import Reel
 from pliant.experiment.rows import Row
 from pliant.export import lerobot_card as card
-from pliant.export.film import Reel
 from pliant.export.lerobot_episode import Episode, EpisodeJob, episode, features
 from pliant.export.lerobot_stats import Stats, merged, of_values
 from pliant.export.output import CARD, filling

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pliant import folders, pictures
 from pliant.errors import InputError, installing
-from pliant.export import film
+from pliant.experiment import film
 from pliant.export.labels import Label, labels
 from pliant.export.output import check_new, origin
 from pliant.export.solids import solids
@@ -133,7 +133,7 @@ class _Log:
         )
         drawing = replay.Replay(self._trial.task, self._track.trajectory)
         with closing(drawing.cameras):
-            movie = film.encoded(film.drawn(drawing, _CAMERA), self._fps)
+            movie = film.encoded(film.Drawn(drawing, _CAMERA), self._fps)
         video = rr.AssetVideo(contents=movie, media_type="video/mp4")
         self._still(f"{path}/film", video)
         stamps = video.read_frame_timestamps_nanos()

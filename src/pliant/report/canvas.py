@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]  # (height, width, 3) RGB
+from pliant.pictures import Picture
+
 Colour = tuple[int, int, int]
 Point = tuple[float, float]  # column, row [px]
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from pliant.pictures import Picture
 from pliant.records import Execution
-from pliant.report.canvas import Picture, text, text_width, tick, verdict_colour
+from pliant.report.canvas import text, text_width, tick, verdict_colour
 
 _ROW = 8  # most snapshots side by side
 _TILE = 240  # [px] side of a snapshot

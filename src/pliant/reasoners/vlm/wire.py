@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
@@ -27,6 +26,7 @@ from pydantic_ai.models import Model, ModelRequestParameters
 from pydantic_ai.models.wrapper import WrapperModel
 from pydantic_ai.settings import ModelSettings
 
+from pliant import pictures
 from pliant.reasoners.vlm.causes import MAY_PASS, why
 from pliant.reasoners.vlm.models import as_taken, takes_detail
 from pliant.reasoners.vlm.settings import Detail, Settings
@@ -263,7 +263,7 @@ def _call(messages: list[ModelMessage], **rest: Any) -> Call:
     text = _beginning(_text(messages[-1]))  # what a refused reply was echoes in it
     return Call(
         request=f"{instructions}\n\n{text}" if len(messages) == 1 and instructions else text,
-        pictures=tuple(_decoded(p.data) for p in _pictures(messages[-1:])),
+        pictures=tuple(pictures.decoded(p.data) for p in _pictures(messages[-1:])),
         **rest,
     )
 
@@ -376,9 +376,3 @@ def _part_text(part: Any) -> str:
     if isinstance(part, UserPromptPart):
         return "\n".join("[picture]" if not isinstance(c, str) else c for c in content)
     return _ANYTHING.dump_json(content).decode()
-
-
-def _decoded(png: bytes) -> NDArray[np.uint8]:
-    bgr = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    assert bgr is not None, "pictures are encoded by the prompt"
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
