@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import count
 from pathlib import Path
@@ -27,7 +27,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from pliant import folders, pictures
 from pliant.errors import InputError
-from pliant.files import write_bytes
+from pliant.files import write_bytes, write_json
 from pliant.methods.named import method
 from pliant.records import SCHEMA, Case, Trial
 
@@ -57,7 +57,7 @@ def save_trial(folder: Path, trial: Trial) -> None:
     Raises:
         InputError: the folder cannot be written.
     """
-    _save(folder, TRIAL, "trial", _trials(), trial)
+    _save(folder, TRIAL, "trial", trial)
 
 
 def load_trial(folder: Path) -> Trial:
@@ -66,7 +66,7 @@ def load_trial(folder: Path) -> Trial:
     Raises:
         InputError: there is none, its schema is another, or it or a picture is broken.
     """
-    trial = _load(folder, TRIAL, "trial", _trials())
+    trial = _load(folder, TRIAL, "trial", Trial)
     if len(trial.executions) > _MOST_EXECUTIONS:
         raise InputError(
             f"'{folder / TRIAL}' has {len(trial.executions)} executions, more than"
@@ -84,13 +84,13 @@ def load_trial(folder: Path) -> Trial:
 
 def save_case(folder: Path, case: Case) -> None:
     """Write a case as a reasoner was asked it, so that it can be asked again."""
-    _save(folder, CASE, "case", _cases(), case)
+    _save(folder, CASE, "case", case)
 
 
 def load_case(folder: Path) -> Case:
     """Read a case that `save_case` wrote. Raises as `load_trial` does, and where its method is not
     at hand."""
-    return _load(folder, CASE, "case", _cases(), with_method)
+    return _load(folder, CASE, "case", Case, with_method)
 
 
 def with_method(case: dict[str, Any]) -> dict[str, Any]:
@@ -146,19 +146,13 @@ class Pictures:
         return image
 
 
-@lru_cache
-def _trials() -> TypeAdapter[Trial]:
-    return TypeAdapter(Trial)
+adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+"""The reader and writer of a kind of record, made once."""
 
 
-@lru_cache
-def _cases() -> TypeAdapter[Case]:
-    return TypeAdapter(Case)
-
-
-def _save(folder: Path, name: str, key: str, adapter: TypeAdapter[T], record: T) -> None:
+def _save(folder: Path, name: str, key: str, record: object) -> None:
     shown = Pictures(folder / PICTURES)
-    dumped = adapter.dump_python(record, mode="json", context=shown)
+    dumped = adapter(type(record)).dump_python(record, mode="json", context=shown)
     document = {"schema": SCHEMA, key: dumped}
     shown.write()
     write_bytes(folder / name, json.dumps(document, separators=(",", ":")).encode())
@@ -168,7 +162,7 @@ def _load(
     folder: Path,
     name: str,
     key: str,
-    adapter: TypeAdapter[T],
+    kind: type[T],
     completed: Callable[[dict[str, Any]], dict[str, Any]] = lambda document: document,
 ) -> T:
     path = folder / name
@@ -176,7 +170,8 @@ def _load(
     try:
         record = document[key]
         record = completed(record) if isinstance(record, dict) else record
-        return adapter.validate_python(record, context=Pictures(folder / PICTURES))
+        found: T = adapter(kind).validate_python(record, context=Pictures(folder / PICTURES))
+        return found
     except KeyError as error:
         raise InputError(f"'{path}' holds no {key}; it is broken, run it again") from error
     except ValidationError as error:
@@ -340,7 +335,7 @@ def write_run_json(
         "reasoner": reasoner,
         "model": model,
     }
-    write_bytes(folder / RUN, (json.dumps(document, indent=2) + "\n").encode())
+    write_json(folder / RUN, document, indent=2)
 
 
 def made_by(commit: str | None, *, dirty: bool | None, version: str | None) -> str:

@@ -21,7 +21,7 @@ class Places:
             total += len(seeds)
         self.offsets = array("q", [-1]) * total
         self._asked = {
-            cell.spec(0).trial_id.rpartition("-")[0]: i for i, cell in enumerate(experiment.cells)
+            cell.trial_id.rpartition("-")[0]: i for i, cell in enumerate(experiment.cells)
         }
         self._seeds = range(experiment.first_seed, experiment.first_seed + experiment.trials)
         self._wanted = len(experiment)

@@ -23,8 +23,8 @@ from pliant import files
 from pliant.conditions import CONDITIONS, Condition, check_range, condition
 from pliant.errors import InputError, unknown, within
 from pliant.experiment import oracle
-from pliant.experiment.cells import WHOLE, Cell, Experiment
-from pliant.experiment.one import whole
+from pliant.experiment.cells import WHOLE, Experiment
+from pliant.experiment.one import Spec, whole
 from pliant.experiment.trust import Agree, Named, refuse
 from pliant.levels import FIELDS, load_level
 from pliant.methods.named import method
@@ -102,7 +102,7 @@ def _planned(
         block.update({k: _Given(v) for k, v in replaced.items() if k in ("level", "method")})
     asked = {k: _Given(v, ("vlm", k)) for k, v in _settings(given).items()}
     asked |= {k: _Given(v) for k, v in _settings(replaced).items()}
-    cells: list[Cell] = []
+    cells: list[Spec] = []
     for place, block in blocks:
         cells += [cell for cell in _cells(place, block, asked) if cell not in cells]
     minds = [mind for _, block in blocks for mind in block["reasoner"].each()]
@@ -200,7 +200,7 @@ def _settings(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 def _cells(
     place: files.Place, block: Mapping[str, _Given], asked: Mapping[str, _Given]
-) -> Iterator[Cell]:
+) -> Iterator[Spec]:
     """The cross product of a block whose entries are one value or a list of them."""
     level = block["level"].read(lambda name: load_level(str(name)))
     block = {"peg": _Given(list(level.pegs)), **block}
@@ -216,10 +216,11 @@ def _cells(
     drawn = [level.on(entry.read(parse_condition)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
     for task, drawing, (name, settings) in product(tasks, drawn, minds):
-        yield Cell(
+        yield Spec(
             task=task,
             level=level.name,
             condition=drawing,
+            seed=0,
             reasoner=name,
             vlm=settings,
             method=way,

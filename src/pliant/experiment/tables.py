@@ -3,7 +3,6 @@
 `build` gives them as a JSON-able dict, `markdown` as text; `write` puts both beside the data.
 """
 
-import json
 from collections import Counter
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -41,7 +40,7 @@ def keep(folder: Path, document: Document) -> None:
         InputError: the folder cannot be written, or holds a link.
     """
     folders.refuse_links(folder, but=(store.TRIALS,))
-    files.write_bytes(folder / JSON_FILE, (json.dumps(document, indent=1) + "\n").encode())
+    files.write_json(folder / JSON_FILE, document)
     files.write_bytes(folder / MARKDOWN_FILE, markdown(document).encode())
 
 

@@ -1,5 +1,6 @@
 """Writes a file whole or not at all, and YAML that is read back the same."""
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,11 @@ def write_bytes(path: Path, content: bytes) -> None:
         raise InputError(
             f"'{path}' cannot be written: {error.strerror}; choose another folder"
         ) from error
+
+
+def write_json(path: Path, document: Any, indent: int = 1) -> None:
+    """Write plain data as JSON in lines, as `write_bytes` does."""
+    write_bytes(path, (json.dumps(document, indent=indent) + "\n").encode())
 
 
 def write_text(path: Path, text: str) -> None:

@@ -117,16 +117,15 @@ def _model_calls(trial: Trial) -> list[tuple[str, str]]:
     """Facts about the model's calls: their number and cost, and how often the rules answered in its
     place."""
     row = trial_row(trial)
-    calls = [call for execution in trial.executions for call in exchanges(execution)]
     if not row["decisions"]:
         return []
-    costs = [x.cost_usd for x in calls if x.cost_usd is not None]
-    tokens = sum(x.tokens for x in calls)
+    calls = [call for execution in trial.executions for call in exchanges(execution)]
+    cost = row["cost_usd"]
     return [
         ("model calls", f"{len(calls)}, {sum(bool(x.refused) for x in calls)} not used"),
-        ("tokens", f"{tokens:,}"),
-        ("waited for the model", f"{words.number(sum(x.latency_s for x in calls))} s"),
-        ("cost", f"{sum(costs):.4f} USD" if costs else "not known"),
+        ("tokens", f"{row['tokens']:,}"),
+        ("waited for the model", f"{words.number(row['latency_s'])} s"),
+        ("cost", "not known" if cost is None else f"{cost:.4f} USD"),
         ("decided by the model", f"{row['own']} of {row['decisions']}"),
         ("decided by the rules instead", f"{row['fallbacks']} of {row['decisions']}"),
         ("plans clamped", str(row["clamped"])),

@@ -15,17 +15,17 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from pliant import pictures
 from pliant.cell import Motion, Trace, Truth
@@ -35,7 +35,7 @@ from pliant.experiment.decides import digest
 from pliant.files import write_bytes
 from pliant.formations import Formation, Goals
 from pliant.records import SCHEMA, Case, Look, Outcome
-from pliant.store import invalid, with_method
+from pliant.store import adapter, invalid, with_method
 from pliant.teaching import Teaching
 
 SHIPPED = Path(__file__).with_name("cases.zip")
@@ -289,11 +289,8 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     archive.writestr(info, content)
 
 
-_adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
-
-
 def _dumped(kind: type[T], record: T, pictures: _Pictures, without: Set[str] = frozenset()) -> Any:
-    return _adapter(kind).dump_python(record, mode="json", context=pictures, exclude=set(without))
+    return adapter(kind).dump_python(record, mode="json", context=pictures, exclude=set(without))
 
 
 def _record(line: bytes, where: str) -> dict[str, Any]:
@@ -308,6 +305,6 @@ def _record(line: bytes, where: str) -> dict[str, Any]:
 
 def _valid(kind: type[T], document: Any, where: str, pictures: _Pictures | None = None) -> T:
     try:
-        return _adapter(kind).validate_python(document, context=pictures)
+        return adapter(kind).validate_python(document, context=pictures)
     except ValidationError as error:
         raise InputError(f"{where} is broken at {invalid(error)}{_AGAIN}") from error
