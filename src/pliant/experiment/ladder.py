@@ -97,7 +97,7 @@ def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
         **_by(key, every, trials),
         "right": level.right if level.is_scenario else VARIES,
         "rightly": measures.rate(_is_right(t, _of_trial(t, level)) for t in trials),
-        "diagnosed": measures.rate(_is_diagnosed(t, _of_trial(t, level)) for t in trials),
+        "diagnosed": measures.rate(t.get("diagnosis") in _of_trial(t, level).truly for t in trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
         "stopped": measures.rate(_has_stopped(end) for end in ends),
         "exhausted": measures.rate(end in (End.EXHAUSTED, End.REFUSED) for end in ends),
@@ -122,9 +122,3 @@ def _is_right(trial: Row, level: Level) -> bool:
     stopped = _has_stopped(str(trial["end_reason"]))
     inserted = bool(measures.inserted(trial)) and bool(trial["judged"])
     return (stopped and level.right != INSERT) or (inserted and level.right != STOP)
-
-
-def _is_diagnosed(trial: Row, level: Level) -> bool:
-    """Whether what was believed in the end is so; a method without a diagnosis believes
-    nothing."""
-    return trial.get("diagnosis") in level.truly

@@ -40,7 +40,7 @@ def render(
     )
     return document(
         title,
-        _way_back(home),
+        tag("nav", tag("a", "← the experiment", href=home), aria_label="Up") if home else Html(""),
         _headline(trial, title),
         legend(trial),
         _strip(trial, media),
@@ -52,12 +52,6 @@ def render(
         stamp=stamp,
         library=library,
     )
-
-
-def _way_back(home: str | None) -> Html:
-    if home is None:
-        return Html("")
-    return tag("nav", tag("a", "← the experiment", href=home), aria_label="Up")
 
 
 def _believed(trial: Trial) -> list[tuple[str, str]]:

@@ -63,7 +63,8 @@ def write(
             f"no video can be made of trial '{trial.trial_id}': it has no trajectory, which only"
             " simulated trials have"
         )
-    _clear(folder)
+    for name in (PAGE, STRIP, VIDEO, replay.FILE):  # of another trial
+        _remove(folder / name)
     save_trial(folder, trial)
     if trajectory is not None:
         replay.save(folder, trajectory)
@@ -220,13 +221,6 @@ def _goal_overlays(folder: Path, shared: str, teaching: Teaching) -> Mapping[For
 def _write_drawn(path: Path, picture: pictures.Picture) -> None:
     """Write a drawn-on picture, which need not be kept to the bit."""
     write_bytes(path, pictures.encoded(picture, "jpg", _FINE))
-
-
-def _clear(folder: Path) -> None:
-    """Remove from a trial's folder what `write` wrote before of another trial and may not write
-    now."""
-    for name in (PAGE, STRIP, VIDEO, replay.FILE):
-        _remove(folder / name)
 
 
 def _drop_overlays(folder: Path, kept: set[str]) -> None:

@@ -88,7 +88,11 @@ def storyboard(trial: Trial, trajectory: Trajectory) -> list[Shot]:
     shots: list[Shot] = []
     done = 0
     for execution in trial.executions:
-        end = int(np.searchsorted(trajectory.time_s, _judged_at(execution), side="right"))
+        end = int(
+            np.searchsorted(
+                trajectory.time_s, execution.outcome.looks[-1].observation.time_s, side="right"
+            )
+        )
         shots += [Shot(sample=s, execution=execution, judged=False) for s in range(done, end)]
         success = execution.verdict.success
         still = Shot(sample=max(0, end - 1), execution=execution, judged=True)
@@ -117,10 +121,6 @@ def spans(shots: Sequence[Shot]) -> list[Span]:
         )
         for index, shown in frames.items()
     ]
-
-
-def _judged_at(execution: Execution) -> float:
-    return execution.outcome.looks[-1].observation.time_s
 
 
 def _frames(
