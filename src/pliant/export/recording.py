@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant import folders, pictures
+from pliant import files, pictures
 from pliant.errors import InputError, installing
 from pliant.experiment import film
 from pliant.export.labels import Label, labels
@@ -51,16 +51,11 @@ def write(source: Source, out: Path, *, fps: int) -> str:
     saved = replayable(source)[0]
     trial = load_trial(saved.folder)
     sampled = track(trial, replay.load(saved.folder), fps)
-    try:
-        with folders.whole(out) as partial:
-            recording = rr.RecordingStream("pliant", recording_id=trial.trial_id)
-            recording.save(str(partial), default_blueprint=_blueprint())
-            _Log(rr, recording, trial, sampled, fps).everything(source)
-            recording.disconnect()
-    except OSError as error:
-        raise InputError(
-            f"'{out}' cannot be written: {error.strerror or error}; choose another file"
-        ) from error
+    with files.whole(out, "choose another file") as partial:
+        recording = rr.RecordingStream("pliant", recording_id=trial.trial_id)
+        recording.save(str(partial), default_blueprint=_blueprint())
+        _Log(rr, recording, trial, sampled, fps).everything(source)
+        recording.disconnect()
     return trial.trial_id
 
 
