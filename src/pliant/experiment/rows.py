@@ -13,12 +13,12 @@ from pliant.experiment import faults
 from pliant.experiment.columns import axis_field
 from pliant.experiment.one import Spec
 from pliant.experiment.success import trial_kind
-from pliant.formations import RECOVERABLE, Step
+from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose
 from pliant.records import Decision, Exchange, Execution, Trial
-from pliant.teaching import shipped
 
 Row = dict[str, Any]
+_NO_GOALS = Goals(formations={f: dict.fromkeys(OWNED[f], 0.0) for f in Formation})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +92,7 @@ def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") 
     workcell's kind."""
     nothing = spec.trial(
         model=None if spec.vlm is None else spec.vlm.model,
-        goals=shipped().goals,
+        goals=_NO_GOALS,
         executions=(),
         end_reason=f"{faults.PREFIX}{kind}",
         fault=message,

@@ -103,7 +103,7 @@ def success(cells: Sequence[Document]) -> Table:
     return Table.of(
         cells,
         {
-            **_WHO,
+            **WHO,
             "n": itemgetter("n"),
             **_faults(cells),
             **_JUDGED_AND_TRUE,
@@ -254,18 +254,15 @@ def grasp_angle(cells: Sequence[Document]) -> str:
 
 def _shares(cells: Sequence[Document], what: str, names: Mapping[str, str]) -> str:
     """A table of the rates that each cell holds of something, under these names."""
-    rows = [
-        [*(of(c) for of in _WHO.values()), *(rate(c[what].get(part)) for part in names)]
-        for c in cells
-    ]
-    return Table([*_WHO, *names.values()], rows).markdown()
+    rows = [[*who(c), *(rate(c[what].get(part)) for part in names)] for c in cells]
+    return Table([*WHO, *names.values()], rows).markdown()
 
 
 def align(cells: Sequence[Document]) -> str:
     """A table of overshoot cycles, and of false acceptances of Align that end in a compression
     stop."""
     columns: Columns = {
-        **_WHO,
+        **WHO,
         "overshoot cycles": lambda c: c["align"]["cycles"],
         "in trials": lambda c: c["align"]["trials_with_cycles"],
         "accepted": lambda c: c["align"]["accepted"],
@@ -280,12 +277,9 @@ def failure_kinds(cells: Sequence[Document]) -> str:
     failed, kinds = failures(cells)
     if not failed:
         return "None."
-    rows = [
-        [*(of(c) for of in _WHO.values()), c["n"], *(c["failure_kinds"].get(k, 0) for k in kinds)]
-        for c in failed
-    ]
+    rows = [[*who(c), c["n"], *(c["failure_kinds"].get(k, 0) for k in kinds)] for c in failed]
     meanings = "\n".join(f"- {spoken}: {TRIAL_KINDS[kind]}" for kind, spoken in kinds.items())
-    return f"{Table([*_WHO, 'n', *kinds.values()], rows).markdown()}\n\n{meanings}"
+    return f"{Table([*WHO, 'n', *kinds.values()], rows).markdown()}\n\n{meanings}"
 
 
 def failures(cells: Sequence[Document]) -> tuple[list[Document], dict[str, str]]:
@@ -299,7 +293,7 @@ def own(cells: Sequence[Document]) -> str:
     """A table of how many decisions were the model's own, and how often it inserts without the
     rules."""
     columns: Columns = {
-        **_WHO,
+        **WHO,
         "n": itemgetter("n"),
         "G [%]": lambda c: rate(c["inserted"]),
         "G alone [%]": lambda c: rate(c["own"]["alone"]),
@@ -357,7 +351,13 @@ def peg(row: Document) -> str:
     return str(row["peg"] if row["level"] == "L0" else f"{row['peg']} {row['level']}")
 
 
-_WHO: Columns = {"peg": peg, "condition": itemgetter("condition"), "reasoner": shown_name}
+WHO: Columns = {"peg": peg, "condition": itemgetter("condition"), "reasoner": shown_name}
+"""The columns that say which cell a row is of."""
+
+
+def who(row: Document) -> list[object]:
+    """A row's cells under `WHO`."""
+    return [of(row) for of in WHO.values()]
 
 
 def own_percent(share: Document | None) -> str:
@@ -387,13 +387,13 @@ def _faults_section(cells: Sequence[Document]) -> list[str]:
     if not _faults(cells):
         return []
     rows = [
-        [*(of(c) for of in _WHO.values()), said["n"], said["text"].replace("|", "\\|")]
+        [*who(c), said["n"], said["text"].replace("|", "\\|")]
         for c in cells
         for said in c.get("said", ())
     ]
     return [
         "## Faults: trials in which nothing was measured",
-        Table([*_WHO, "trials", "fault"], rows).markdown(),
+        Table([*WHO, "trials", "fault"], rows).markdown(),
         "The command that made them repeats these and no others with `--again faults`, as long as"
         " your own reasoner's and method's files are as they were.",
     ]
@@ -434,15 +434,17 @@ _JUDGED_AND_TRUE: Columns = {
 }
 _EXTRA: Columns = {str(formation): _extra(formation) for formation in RECOVERABLE}
 _THEIRS: Columns = {
-    "paper's F, G [%]": lambda cell: _their_success(cell["paper"]),
+    "paper's F, G [%]": lambda cell: their_success(cell["paper"], with_n=True),
     "paper's fit, align, insertion": lambda cell: their_extra(cell["paper"]),
 }
 
 
-def _their_success(paper: Document | None) -> str:
+def their_success(paper: Document | None, *, with_n: bool = False) -> str:
+    """The paper's F and G, where it gives them."""
     if paper is None:
         return NONE
-    return f"{paper['judged']:g}, {paper['inserted']:g} (n {paper['n']})"
+    n = f" (n {paper['n']})" if with_n else ""
+    return f"{paper['judged']:g}, {paper['inserted']:g}{n}"
 
 
 def their_extra(paper: Document | None) -> str:

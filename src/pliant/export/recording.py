@@ -177,11 +177,10 @@ class _Log:
 def _lines(execution: Execution, label: Label | None) -> Iterator[tuple[str, str]]:
     """A verdict in words, each line with its level in the log."""
     step, verdict = execution.outcome.step, execution.verdict
-    retreat = " after a retreat" if step.retreat else ""
     judged = "success" if verdict.success else "failure"
-    name = f"{execution.index + 1} {str(step.formation).capitalize()}"
+    name = f"{execution.index + 1} {str(step).capitalize()}"
     level = "INFO" if verdict.success else "WARN"
-    yield level, f"{name} to {describe(step.goal)}{retreat}: {judged} ({verdict.reason})"
+    yield level, f"{name}: {judged} ({verdict.reason})"
     yield "DEBUG", f"   ended at {describe(_shown(execution.outcome.pose))}"
     if execution.recovery is not None:
         analysis = execution.recovery.analysis

@@ -1,25 +1,32 @@
 """The tables of an experiment's page: ours beside the paper's, with intervals, each row leading to
 its trials."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
-from typing import Any
 from urllib.parse import urlencode
 
 from pliant.experiment import tables_text as texts
 from pliant.experiment.measures import rate as rated
 from pliant.experiment.success import TRIAL_KINDS
-from pliant.experiment.tables_text import by_cell, marks, number, paired, peg, shown_name, versus
+from pliant.experiment.tables_text import (
+    WHO,
+    Columns,
+    Document,
+    by_cell,
+    marks,
+    number,
+    paired,
+    peg,
+    shown_name,
+    versus,
+    who,
+)
 from pliant.formations import RECOVERABLE
 from pliant.html import Html, join, tag
 from pliant.report import words
 from pliant.report.charts import Bar, bars, difference
 from pliant.report.parts import table
 from pliant.table import Table
-
-Document = Mapping[str, Any]
-_Columns = dict[str, Callable[[Document], object]]
-_WHO: _Columns = {"peg": peg, "condition": itemgetter("condition"), "reasoner": shown_name}
 
 
 def link(shown: object, **wanted: object) -> Html:
@@ -39,8 +46,8 @@ def place(cell: Document) -> dict[str, object]:
 
 def table2(cells: Sequence[Document]) -> Html:
     """Table II: success judged (F) and true (G), and average extra executions."""
-    columns: _Columns = {
-        **_WHO,
+    columns: Columns = {
+        **WHO,
         "n": _counted,
         "failed": _failed,
         "F over G": _f_over_g,
@@ -51,7 +58,7 @@ def table2(cells: Sequence[Document]) -> Html:
         columns["own [%]"] = lambda cell: texts.own_percent(cell.get("own"))
         columns["G alone [%]"] = lambda cell: rate(cell["own"]["alone"]) if cell["own"] else "–"
     columns |= {
-        "paper's F, G": lambda cell: _theirs(cell["paper"]),
+        "paper's F, G": lambda cell: texts.their_success(cell["paper"]),
         "extra fit, align, insertion": lambda cell: ", ".join(
             number(cell["extra"][formation], 2) for formation in RECOVERABLE
         ),
@@ -62,7 +69,7 @@ def table2(cells: Sequence[Document]) -> Html:
         " are in no rate, and a trial that the cell ended counts as not inserted. Whiskers and"
         " brackets: 95 % Wilson interval. Diamonds: the paper's, whose reasoner is GPT-4o."
     )
-    plain = {*_WHO, "F over G", "paper's F, G"}
+    plain = {*WHO, "F over G", "paper's F, G"}
     caption = " ".join([caption, *marks(c.get("own") for c in cells)])
     return table(Table.of(cells, columns), caption, numbers=columns.keys() - plain)
 
@@ -91,10 +98,6 @@ def _f_over_g(cell: Document) -> Html:
         _bar(cell["inserted"], theirs.get("inserted"), "success"),
     ]
     return bars(shown, f"F {outcome(cell, 'judged')}, G {outcome(cell, 'inserted')}")
-
-
-def _theirs(paper: Document | None) -> str:
-    return f"{paper['judged']:g}, {paper['inserted']:g}" if paper else "–"
 
 
 def table3(transitions: Sequence[Document]) -> Html:
@@ -136,7 +139,7 @@ def kinds(cells: Sequence[Document]) -> Html:
         return tag("p", "No trial failed.")
     rows = [
         [
-            *(of(cell) for of in _WHO.values()),
+            *who(cell),
             cell["n"] + cell["faults"],
             *(_kind(cell, kind, cell["failure_kinds"].get(kind, 0)) for kind in names),
         ]
@@ -147,7 +150,7 @@ def kinds(cells: Sequence[Document]) -> Html:
         for kind, spoken in names.items()
     ]
     caption = "Decided from the truth after each execution. Bars: the share of the cell's trials."
-    shown = table(Table([*_WHO, "trials", *names.values()], rows), caption, numbers={"trials"})
+    shown = table(Table([*WHO, "trials", *names.values()], rows), caption, numbers={"trials"})
     return join(shown, tag("dl", *meanings, class_="meanings"))
 
 
@@ -162,15 +165,15 @@ def _kind(cell: Document, kind: str, count: int) -> Html:
 def own(cells: Sequence[Document]) -> Html:
     """A table of how many decisions were a model's own, its success without the rules, and what it
     cost."""
-    plain: _Columns = {
-        **_WHO,
+    plain: Columns = {
+        **WHO,
         "n": itemgetter("n"),
         "G over G alone": lambda cell: bars(
             [_bar(cell["inserted"], None, "success"), _bar(cell["own"]["alone"], None, "judged")],
             f"G {rate(cell['inserted'])}, alone {rate(cell['own']['alone'])}",
         ),
     }
-    numbers: _Columns = {
+    numbers: Columns = {
         "G [%]": lambda cell: rate(cell["inserted"]),
         "G alone [%]": lambda cell: rate(cell["own"]["alone"]),
         "decisions": lambda cell: cell["own"]["decisions"],
@@ -196,7 +199,7 @@ def pairs(rows: Sequence[Document]) -> Html:
     """A table of every two reasoners on the same seeds: all cells together, then cell by cell."""
     if not rows:
         return tag("p", "Only one reasoner: nothing to compare.")
-    columns: _Columns = {
+    columns: Columns = {
         "first − second": versus,
         "peg": lambda row: peg(row) if row["peg"] else "all",
         "condition": lambda row: row["condition"] or "all",
@@ -233,7 +236,7 @@ def faults(cells: Sequence[Document]) -> Html:
     """A table of the trials in which nothing was measured, with what was said of them."""
     rows = [
         [
-            *(of(cell) for of in _WHO.values()),
+            *who(cell),
             link(said["n"], **place(cell), outcome="faults"),
             said["text"],
         ]
@@ -244,7 +247,7 @@ def faults(cells: Sequence[Document]) -> Html:
         "Trials in which nothing was measured. The command that made them repeats these and no"
         " others with --again faults."
     )
-    return table(Table([*_WHO, "trials", "fault"], rows), caption, numbers={"trials"})
+    return table(Table([*WHO, "trials", "fault"], rows), caption, numbers={"trials"})
 
 
 def outcome(cell: Document, name: str) -> str:
