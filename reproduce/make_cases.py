@@ -25,7 +25,7 @@ from pliant.belief import Belief, Seen
 from pliant.cell import Truth
 from pliant.conditions import Setup
 from pliant.envelope import Limits
-from pliant.experiment.bench.answers import Answer, answer, succeeded
+from pliant.experiment.bench.answers import Answer, answer
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
@@ -38,6 +38,7 @@ from pliant.experiment.bench.cases import (
     write,
 )
 from pliant.experiment.one import Spec, composed
+from pliant.experiment.success import succeeded
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
 from pliant.levels import INSERTED_DEPTH_M
 from pliant.methods.planar import Planar
@@ -447,7 +448,7 @@ def _reaching(cell: SimCell, found: Found, steps: tuple[Step, ...]) -> tuple[flo
         changed = found.case.goals.updated(step)
         target = changed.target(step.formation)
         outcome = skill(robot, look, target, step, Belief())
-        return succeeded(replace(found.case, goals=changed, outcome=outcome), cell.truth())
+        return succeeded(found.case.task, outcome, cell.truth())
 
     runs = [list(run) for does, run in groupby(goals, key=reaches) if does]
     if not runs:

@@ -27,11 +27,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 from make_cases import FAR, RASH, Watched
-from numpy.typing import NDArray
 
+from pliant import pictures
 from pliant.cell import Trace, View
 from pliant.conditions import Condition, condition
-from pliant.experiment.bench.answers import Answer, succeeded
+from pliant.experiment.bench.answers import Answer
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
@@ -44,6 +44,7 @@ from pliant.experiment.bench.cases import (
     write,
 )
 from pliant.experiment.one import Spec, composed
+from pliant.experiment.success import succeeded
 from pliant.files import write_bytes
 from pliant.formations import OWNED, RECOVERABLE, Formation
 from pliant.levels import STOP, load_level, shipped_levels
@@ -53,7 +54,6 @@ from pliant.reasoners.rules import Rules
 from pliant.records import Case, End, Outcome, Recovery, Verdict
 from pliant.recovery import Reasoner
 from pliant.sim.cell import SimCell
-from pliant.store import picture_name
 from pliant.task import load_task
 from pliant.teaching import shipped
 
@@ -216,7 +216,7 @@ def watch(job: Job) -> list[BenchCase]:
         for execution in executions:
             case, truth = mind.case, cell.truth()
             assert case is not None, "an execution is judged before it is shown"
-            success = succeeded(case, truth)
+            success = succeeded(case.task, case.outcome, truth)
             if success or execution.formation in RECOVERABLE:
                 key = Key(
                     kind=kind,
@@ -279,22 +279,10 @@ def _essence(outcome: Outcome) -> Outcome:
 
 def _sent(view: View) -> View:
     """The picture as a camera that compresses sends it; what was measured was measured before."""
-    return replace(view, image=_decoded(_webp(view.image)))
-
-
-def _webp(image: NDArray[np.uint8]) -> bytes:
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    done, webp = cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    assert done, "OpenCV encodes any 8-bit picture"
-    encoded = webp.tobytes()
-    _ENCODED[picture_name(_decoded(encoded))] = encoded
-    return encoded
-
-
-def _decoded(webp: bytes) -> NDArray[np.uint8]:
-    bgr = cv2.imdecode(np.frombuffer(webp, np.uint8), cv2.IMREAD_COLOR)
-    assert bgr is not None, "it was just encoded"
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+    encoded = pictures.encoded(view.image, "webp", [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    image = pictures.decoded(encoded)
+    _ENCODED[pictures.name_of(image)] = encoded
+    return replace(view, image=image)
 
 
 _ENCODED: dict[str, bytes] = {}  # pictures as they were sent, by their names

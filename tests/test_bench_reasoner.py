@@ -17,7 +17,7 @@ from pliant.cell import Truth
 from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.experiment.bench import table
-from pliant.experiment.bench.answers import Answer, answer, succeeded
+from pliant.experiment.bench.answers import Answer, answer
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
@@ -33,12 +33,13 @@ from pliant.experiment.bench.coin import Coin
 from pliant.experiment.bench.marks import put
 from pliant.experiment.bench.run import run
 from pliant.experiment.bench.scores import group
+from pliant.experiment.success import succeeded
 from pliant.formations import OWNED, RECOVERABLE, Formation, Step
 from pliant.levels import STOP, load_level
 from pliant.methods.planar.checks import check
+from pliant.pictures import name_of
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, Exchange, Recovery, Verdict
-from pliant.store import picture_name
 
 SET = Cases(SHIPPED)
 
@@ -418,7 +419,8 @@ def truth_of(**given: Any) -> Truth:
 def test_a_formation_succeeds_where_the_next_skill_can_take_over(
     formation: Formation, truth: Truth, success: bool
 ) -> None:
-    assert succeeded(case_after(outcome_of(formation)), truth) is success
+    case = case_after(outcome_of(formation))
+    assert succeeded(case.task, case.outcome, truth) is success
 
 
 def test_the_right_step_after_a_shallow_insertion_is_to_push_on() -> None:
@@ -458,7 +460,7 @@ def test_a_set_reads_back_as_it_was_written(own: Path) -> None:
     assert found[0].case.goals == asked.case.goals
     shown = found[0].case.teaching.demonstrations[Formation.FIT].view.image
     taught = asked.case.teaching.demonstrations[Formation.FIT].view.image
-    assert picture_name(shown) == picture_name(taught)
+    assert name_of(shown) == name_of(taught)
     assert Rules().judge(found[0].case) == Rules().judge(thinned(asked.case))
     copy = own.with_name("copy.zip")
     write(copy, Cases(own))
@@ -494,7 +496,7 @@ def second_line(line: bytes) -> Any:
         ("answers.jsonl", lambda t: t.replace(b'"fit"', b'"align"'), "to another case"),
         ("teaching.json", lambda t: t.replace(b'"schema":2', b'"schema":99'), "has schema 99"),
         (
-            f"pictures/{picture_name(np.zeros((480, 640, 3), np.uint8))}.webp",
+            f"pictures/{name_of(np.zeros((480, 640, 3), np.uint8))}.webp",
             lambda _: b"",
             "is broken",
         ),

@@ -189,7 +189,7 @@ def test_a_vlm_is_compared_with_itself_under_other_settings_on_the_same_seeds() 
     assert blind.vlm == replace(whole.vlm, picture=False)
     assert (whole.reasoner, whole.vlm.plan, whole.vlm.history) == ("vlm", "absolute", 2)
     assert planned.models == ["openai:gpt-4o"] * 2
-    assert blind.spec(3).trial_id == "L0-circle-all-blind-3"
+    assert replace(blind, seed=3).trial_id == "L0-circle-all-blind-3"
 
 
 def test_a_setting_of_the_model_changes_the_fingerprint() -> None:

@@ -12,9 +12,10 @@ from stand_ins import case_after, executed, goal_step, outcome_of, recovery_of
 from pliant.cell import Stop, Truth
 from pliant.conditions import NOMINAL, condition
 from pliant.experiment import results
-from pliant.experiment.columns import EXECUTIONS, KINDS, TRIALS, dictionary, schema
+from pliant.experiment.columns import EXECUTIONS, TRIALS, dictionary, schema
 from pliant.experiment.one import Spec
-from pliant.experiment.rows import Rows, failure_kind, lost, rows_of
+from pliant.experiment.rows import Rows, lost, rows_of
+from pliant.experiment.success import TRIAL_KINDS, trial_kind
 from pliant.formations import Formation
 from pliant.pose import Axis
 from pliant.records import Admission, End, Exchange, Execution, Trial
@@ -92,8 +93,8 @@ DONE = execution(Formation.INSERTION, success=True)
     ],
 )
 def test_a_failures_kind_follows_from_the_truth(kind: str | None, failed: Trial) -> None:
-    assert failure_kind(failed) == kind
-    assert kind is None or kind in KINDS
+    assert trial_kind(failed) == kind
+    assert kind is None or kind in TRIAL_KINDS
 
 
 def test_executions_beyond_the_first_are_extra() -> None:

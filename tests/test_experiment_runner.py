@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -504,4 +505,4 @@ def test_a_run_that_was_killed_before_it_began_leaves_a_folder_that_can_be_used(
 
 
 def job_of(plan: Experiment, *, seed: int, folder: Path) -> Job:
-    return Job(spec=plan.cells[0].spec(seed), goals=None, folder=folder, save=Save.NONE)
+    return Job(spec=replace(plan.cells[0], seed=seed), goals=None, folder=folder, save=Save.NONE)

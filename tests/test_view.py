@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from test_tables import made
 from view_folders import HOSTILE, Page, drawn, experiment, ran, store_trial, told
 
+from pliant import html
 from pliant.cli.view import view as command
 from pliant.errors import InputError
 from pliant.experiment import holdings, journal
 from pliant.experiment.plan import from_fields
 from pliant.experiment.rows import Rows
-from pliant.report import html
 from pliant.report.overview_data import command as command_for
 from pliant.report.view import Viewed, view
 from pliant.store import PICTURES

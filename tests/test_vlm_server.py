@@ -15,11 +15,11 @@ from voices import analysis, bounded, judgement
 
 from pliant.errors import InputError
 from pliant.formations import Formation
+from pliant.pictures import name_of
 from pliant.reasoners import vlm
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm.settings import Output, Settings
 from pliant.records import Case
-from pliant.store import picture_name
 
 pytestmark = pytest.mark.usefixtures("own_server")
 
@@ -92,7 +92,7 @@ def test_a_server_is_asked_with_both_pictures_and_its_answer_counts(output: Outp
         assert base64.b64decode(content).startswith(b"\x89PNG")
         assert picture.shape == (480, 640, 3)
     shown = case.outcome.looks[-1].observation.views["side"].image
-    assert picture_name(exchange.pictures[1]) == picture_name(shown)
+    assert name_of(exchange.pictures[1]) == name_of(shown)
     assert (body["max_tokens"], body["temperature"]) == (8000, 0)
     assert ("tools" in body) == (output is Output.TOOL)
     if output is Output.NATIVE:

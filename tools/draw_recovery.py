@@ -22,11 +22,11 @@ import numpy as np
 
 from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
+from pliant.pictures import Picture
 from pliant.records import Trial
 from pliant.report.canvas import (
     DARK,
     NEUTRAL,
-    Picture,
     shortened,
     text,
     text_width,

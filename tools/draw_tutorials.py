@@ -17,8 +17,9 @@ import yaml
 from pliant import pictures
 from pliant.conditions import Setup, condition
 from pliant.experiment.one import Spec, perform
+from pliant.pictures import Picture
 from pliant.report import strip
-from pliant.report.canvas import Colour, Picture, Point, text
+from pliant.report.canvas import Colour, Point, text
 from pliant.sim.cell import SimCell
 from pliant.task import Task, load_task
 from pliant.teaching import shipped

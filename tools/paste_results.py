@@ -17,6 +17,7 @@ from typing import Any
 from pliant.experiment import paper, tables_text
 from pliant.experiment.bench import table as bench
 from pliant.experiment.statistics import wilson
+from pliant.table import Table
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduce" / "results"
@@ -66,8 +67,7 @@ def summary() -> str:
             _share(*rightly),
         ),
     ]
-    lines = [("who decides", "on what", "[%]"), ("---", "---", "---"), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return Table(["who decides", "on what", "[%]"], rows).markdown()
 
 
 def _gain() -> str:
@@ -92,8 +92,8 @@ def _difference(pair: dict[str, Any]) -> str:
 def recovery() -> str:
     """What recovery is worth, draw by draw, wherever no recovery was tried on the same draws."""
     head = ["run", "peg", "condition", "n", "none: inserted [%]", "rules: inserted [%]"]
-    lines = [[*head, "rules − none [points]", "only by rules", "only by none"]]
-    lines.append(["---"] * len(lines[0]))
+    head += ["rules − none [points]", "only by rules", "only by none"]
+    rows = []
     for run in ("table2", "controls"):
         document = _stored(run)
         cells = {(c["peg"], c["condition"], c["reasoner"]): c for c in document["cells"]}
@@ -102,18 +102,18 @@ def recovery() -> str:
                 continue
             where = pair["peg"], pair["condition"]
             rates = [cells[*where, who]["inserted"]["percent"] for who in ("none", "rules")]
-            lines.append(
+            rows.append(
                 [
                     run,
                     *where,
-                    str(pair["n"]),
+                    pair["n"],
                     *(f"{rate:.1f}" for rate in rates),
                     _difference(pair),
-                    str(pair["only_second"]),
-                    str(pair["only_first"]),
+                    pair["only_second"],
+                    pair["only_first"],
                 ]
             )
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return Table(head, rows).markdown()
 
 
 def _share(successes: int, n: int) -> str:

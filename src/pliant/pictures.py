@@ -5,7 +5,9 @@ A picture of one colour is small as a file and as large as it says in memory: on
 is refused by its header. PNG, JPEG and WebP are read, and nothing else that OpenCV knows.
 """
 
+import hashlib
 import struct
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -52,11 +54,39 @@ def decoded(data: bytes) -> Picture:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
-def encoded(picture: Picture) -> bytes:
-    """A picture (height, width, 3), RGB, as PNG."""
-    done, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+def encoded(picture: Picture, form: str = "png", options: Sequence[int] = ()) -> bytes:
+    """A picture (height, width, 3), RGB, as PNG, or as the `form` jpg or webp, with OpenCV's
+    `options`."""
+    bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    done, data = cv2.imencode(f".{form}", bgr, [*options])
     assert done, "OpenCV encodes any 8-bit picture"
-    return png.tobytes()
+    return data.tobytes()
+
+
+def name_of(picture: Picture) -> str:
+    """The hash of a picture's pixels, by which it is named."""
+    shape = "x".join(str(n) for n in picture.shape)
+    return hashlib.sha256(shape.encode() + picture.tobytes()).hexdigest()[:16]
+
+
+def kept(
+    file: str, read: Callable[[], bytes], unreadable: tuple[type[Exception], ...] = (OSError,)
+) -> Picture:
+    """The picture in a file whose name begins with its `name_of`; `read` reads it, and raises one
+    of `unreadable` where it cannot.
+
+    Raises:
+        ValueError: it is missing, broken or another one; it says why.
+    """
+    try:
+        picture = decoded(read())
+    except unreadable as error:
+        raise ValueError(f"the picture {file} is missing or broken") from error
+    except ValueError as error:
+        raise ValueError(f"the picture {file} {error}") from error
+    if name_of(picture) != file.partition(".")[0]:
+        raise ValueError(f"the picture {file} is not the one that was stored")
+    return picture
 
 
 def shrunk(picture: Picture, width: int) -> Picture:

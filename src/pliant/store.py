@@ -5,7 +5,6 @@ A record is written through pydantic's adapter of its dataclass: plain JSON, so 
 can run code. Files are written beside their name and then renamed: none is ever half there.
 """
 
-import hashlib
 import json
 import os
 import platform
@@ -15,21 +14,20 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from pliant import folders, pictures
 from pliant.errors import InputError
-from pliant.files import write_bytes
+from pliant.files import write_bytes, write_json
 from pliant.methods.named import method
 from pliant.records import SCHEMA, Case, Trial
 
@@ -59,7 +57,7 @@ def save_trial(folder: Path, trial: Trial) -> None:
     Raises:
         InputError: the folder cannot be written.
     """
-    _save(folder, TRIAL, "trial", _trials(), trial)
+    _save(folder, TRIAL, "trial", trial)
 
 
 def load_trial(folder: Path) -> Trial:
@@ -68,7 +66,7 @@ def load_trial(folder: Path) -> Trial:
     Raises:
         InputError: there is none, its schema is another, or it or a picture is broken.
     """
-    trial = _load(folder, TRIAL, "trial", _trials())
+    trial = _load(folder, TRIAL, "trial", Trial)
     if len(trial.executions) > _MOST_EXECUTIONS:
         raise InputError(
             f"'{folder / TRIAL}' has {len(trial.executions)} executions, more than"
@@ -86,13 +84,13 @@ def load_trial(folder: Path) -> Trial:
 
 def save_case(folder: Path, case: Case) -> None:
     """Write a case as a reasoner was asked it, so that it can be asked again."""
-    _save(folder, CASE, "case", _cases(), case)
+    _save(folder, CASE, "case", case)
 
 
 def load_case(folder: Path) -> Case:
     """Read a case that `save_case` wrote. Raises as `load_trial` does, and where its method is not
     at hand."""
-    return _load(folder, CASE, "case", _cases(), with_method)
+    return _load(folder, CASE, "case", Case, with_method)
 
 
 def with_method(case: dict[str, Any]) -> dict[str, Any]:
@@ -117,11 +115,11 @@ class Pictures:
     loaded: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     def path(self, image: NDArray[np.uint8]) -> Path:
-        return self.folder / f"{picture_name(image)}.png"
+        return self.folder / f"{pictures.name_of(image)}.png"
 
     def save(self, image: NDArray[np.uint8]) -> str:
         """Keep a picture for `write`, and return its name: what is raised here, pydantic hides."""
-        name = picture_name(image)
+        name = pictures.name_of(image)
         self.unwritten[name] = image
         return name
 
@@ -142,40 +140,21 @@ class Pictures:
 
     def _read(self, name: str) -> NDArray[np.uint8]:
         path = self.folder / f"{name}.png"
-        try:
-            image = pictures.read(path)
-        except OSError as error:
-            raise ValueError(f"the picture {path.name} is missing or broken") from error
-        except ValueError as error:
-            raise ValueError(f"the picture {path.name} {error}") from error
-        if picture_name(image) != name:
-            raise ValueError(f"the picture {path.name} is not the one that was stored")
+        image = pictures.kept(path.name, lambda: folders.read(path, pictures.MOST_BYTES))
         if image.size + sum(other.size for other in self.loaded.values()) > 3 * _MOST_PIXELS:
             raise ValueError(f"its pictures have more than {_MOST_PIXELS} pixels together")
         return image
 
 
-def picture_name(image: NDArray[np.uint8]) -> str:
-    """The hash of a picture's pixels, by which it is named."""
-    shape = "x".join(str(n) for n in image.shape)
-    return hashlib.sha256(shape.encode() + image.tobytes()).hexdigest()[:16]
+adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+"""The reader and writer of a kind of record, made once."""
 
 
-@lru_cache
-def _trials() -> TypeAdapter[Trial]:
-    return TypeAdapter(Trial)
-
-
-@lru_cache
-def _cases() -> TypeAdapter[Case]:
-    return TypeAdapter(Case)
-
-
-def _save(folder: Path, name: str, key: str, adapter: TypeAdapter[T], record: T) -> None:
-    pictures = Pictures(folder / PICTURES)
-    dumped = adapter.dump_python(record, mode="json", context=pictures)
+def _save(folder: Path, name: str, key: str, record: object) -> None:
+    shown = Pictures(folder / PICTURES)
+    dumped = adapter(type(record)).dump_python(record, mode="json", context=shown)
     document = {"schema": SCHEMA, key: dumped}
-    pictures.write()
+    shown.write()
     write_bytes(folder / name, json.dumps(document, separators=(",", ":")).encode())
 
 
@@ -183,7 +162,7 @@ def _load(
     folder: Path,
     name: str,
     key: str,
-    adapter: TypeAdapter[T],
+    kind: type[T],
     completed: Callable[[dict[str, Any]], dict[str, Any]] = lambda document: document,
 ) -> T:
     path = folder / name
@@ -191,15 +170,19 @@ def _load(
     try:
         record = document[key]
         record = completed(record) if isinstance(record, dict) else record
-        return adapter.validate_python(record, context=Pictures(folder / PICTURES))
+        found: T = adapter(kind).validate_python(record, context=Pictures(folder / PICTURES))
+        return found
     except KeyError as error:
         raise InputError(f"'{path}' holds no {key}; it is broken, run it again") from error
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            f"'{path}' is broken at {where}: {first['msg'].splitlines()[0]}; run it again"
-        ) from error
+        raise InputError(f"'{path}' is broken at {invalid(error)}; run it again") from error
+
+
+def invalid(error: ValidationError) -> str:
+    """The first of what is wrong in a record, in a line: the place where, and what."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return f"{where}: {first['msg'].splitlines()[0]}"
 
 
 def _document(path: Path) -> dict[str, Any]:
@@ -220,15 +203,6 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 # --- files -------------------------------------------------------------------------------------
-
-
-def write_jpeg(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write a drawn-on picture, which need not be kept to the bit; raises as `write_bytes` does."""
-    quality = [cv2.IMWRITE_JPEG_QUALITY, 88]
-    quality += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-    done, jpeg = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), quality)
-    assert done, "OpenCV encodes any 8-bit picture"
-    write_bytes(path, jpeg.tobytes())
 
 
 def prepare_folder(path: Path) -> None:
@@ -350,7 +324,7 @@ def write_run_json(
         "dirty": dirty,
         "versions": {
             "python": platform.python_version(),
-            **{name: _version(package) for name, package in _PACKAGES.items()},
+            **{name: version_of(package) for name, package in _PACKAGES.items()},
         },
         "machine": {
             "system": platform.platform(),
@@ -361,7 +335,7 @@ def write_run_json(
         "reasoner": reasoner,
         "model": model,
     }
-    write_bytes(folder / RUN, (json.dumps(document, indent=2) + "\n").encode())
+    write_json(folder / RUN, document, indent=2)
 
 
 def made_by(commit: str | None, *, dirty: bool | None, version: str | None) -> str:
@@ -375,7 +349,7 @@ def made_by(commit: str | None, *, dirty: bool | None, version: str | None) -> s
 def made_here() -> str:
     """The program that is running, as `made_by` names it."""
     commit, dirty = _commit()
-    return made_by(commit, dirty=dirty, version=_version("pliant"))
+    return made_by(commit, dirty=dirty, version=version_of("pliant"))
 
 
 def made_in(folder: Path) -> str | None:
@@ -414,7 +388,8 @@ def _git(folder: Path, *arguments: str) -> str | None:
     return done.stdout.strip()
 
 
-def _version(package: str) -> str | None:
+def version_of(package: str) -> str | None:
+    """The version of an installed package; None: it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:

@@ -53,6 +53,11 @@ def escaped(value: Any) -> Any:
     return value
 
 
+def rounded(value: float, digits: int) -> float:
+    """A rounded number; what rounds to zero has no minus sign."""
+    return round(value, digits) + 0.0
+
+
 def code(text: str) -> str:
     """The text between backticks, in one line."""
     return f"`{in_a_line(text).replace('`', chr(39))}`"

@@ -1,6 +1,5 @@
 """`pliant bench-reasoner`: any reasoner, scored on a fixed set of cases, without a simulator."""
 
-import json
 import sys
 from collections.abc import Mapping
 from functools import partial
@@ -18,7 +17,7 @@ from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
 from pliant.experiment.bench.cases import SHIPPED, Cases
 from pliant.experiment.bench.marks import Make
-from pliant.files import write_bytes
+from pliant.files import write_json
 from pliant.own import located_own, short_name
 from pliant.paths import located
 from pliant.paths import shown as named
@@ -63,7 +62,7 @@ def bench_reasoner(
     if out is not None:
         if out.exists():
             complain(f"pliant: '{named(out)}' was there, and is replaced")
-        write_bytes(out, (json.dumps(document, indent=1) + "\n").encode())
+        write_json(out, document)
     console = Console(soft_wrap=True)
     console.print(table.markdown(document), highlight=False, end="")
     if silent := table.undecided(document):

@@ -5,14 +5,13 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from rich.prompt import Confirm
 
 from pliant import signals
-from pliant.cli.attended import attended
-from pliant.cli.cells import where_trials_are
+from pliant.cli.cells import attended, where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.cli.tables import made_of
@@ -159,10 +158,8 @@ def experiment(
 def _watched(planned: Experiment, out: Path, console: Console) -> "Watched":
     from pliant.cli.following import Watched
 
-    def say(text: str) -> None:
-        console.print(text, highlight=False, soft_wrap=True)
-
-    return Watched(out, None if planned.goals is None else Path(planned.goals), say)
+    goals = None if planned.goals is None else Path(planned.goals)
+    return Watched(out, goals, partial(_say, console))
 
 
 def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Console) -> int:
@@ -179,29 +176,26 @@ def _told(ended: runner.Finished, planned: Experiment, out: Path, console: Conso
     printed.print(text)
     printed.print(f"results: {shown(out)}")
     if larger:
-        console.print(
+        _say(
+            console,
             f"the folder holds more than these {len(planned)} trials: pliant tables {shown(out)}"
             " shows all",
-            highlight=False,
-            soft_wrap=True,
         )
     undecided = [cell for cell in document["cells"] if is_undecided(cell["own"])]
     names = dict.fromkeys(cell["reasoner"] for cell in undecided)
     if names:
-        console.print(
+        _say(
+            console,
             f"the model of {', '.join(names)} decided nothing in {len(undecided)} of"
             f" {len(document['cells'])} cells: their rows are not its own; mend the cause, and run"
             " them again into another folder (--out)",
             style="bold",
-            highlight=False,
-            soft_wrap=True,
         )
     if ended.faults:
-        console.print(
+        _say(
+            console,
             f"{ended.faults} of {ended.total} trials were faults, of which nothing is known: see"
             f" above; {runner.advice(planned)}",
-            highlight=False,
-            soft_wrap=True,
         )
         return 1
     return UNDECIDED if names else 0
@@ -218,11 +212,9 @@ def _agree(named: Named, *, console: Console, trust: bool, model: ModelOptions) 
     if named.lines and not trust and not sys.stdin.isatty():
         refuse(named)  # which names it all
     for line in named.lines:
-        console.print(f"the experiment file names {line}", highlight=False, soft_wrap=True)
-    if trust or not named.lines:
-        return
-    if not Confirm.ask("Go on?", console=console, default=False):
-        raise InputError("not begun: what the file names was not agreed to")
+        _say(console, f"the experiment file names {line}")
+    if named.lines and not trust:
+        _go_on(console, "what the file names was not agreed to")
 
 
 def _confirm(planned: Experiment, console: Console, yes: bool) -> None:
@@ -236,8 +228,16 @@ def _confirm(planned: Experiment, console: Console, yes: bool) -> None:
         return
     if not yes and not sys.stdin.isatty():
         raise InputError(f"a hosted model costs money, {cost}: add --yes to agree")
-    console.print(str(cost), highlight=False, soft_wrap=True)
-    if yes:
-        return
+    _say(console, str(cost))
+    if not yes:
+        _go_on(console, "the cost was not agreed to")
+
+
+def _go_on(console: Console, why_not: str) -> None:
+    """Ask whether to go on. Raises InputError where the answer is no."""
     if not Confirm.ask("Go on?", console=console, default=False):
-        raise InputError("not begun: the cost was not agreed to")
+        raise InputError(f"not begun: {why_not}")
+
+
+def _say(console: Console, text: str, **how: Any) -> None:
+    console.print(text, highlight=False, soft_wrap=True, **how)

@@ -20,8 +20,7 @@ from rich.text import Text
 from pliant import store
 from pliant.cell import Truth
 from pliant.cli import rehearse
-from pliant.cli.attended import attended
-from pliant.cli.cells import where_trials_are
+from pliant.cli.cells import attended, where_trials_are
 from pliant.cli.model import UNDECIDED, ModelOptions
 from pliant.cli.ranges import Ranges
 from pliant.cli.steps import counted

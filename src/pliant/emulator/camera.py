@@ -22,7 +22,7 @@ import cv2
 import mujoco
 from pydantic import TypeAdapter
 
-from pliant import signals
+from pliant import pictures, signals
 from pliant.cell import Camera
 from pliant.emulator.block import Block, BlockState, CameraFault
 from pliant.errors import InputError
@@ -61,10 +61,9 @@ class Artist:
         self._data.qpos[: len(state.qpos)] = state.qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        image = cv2.cvtColor(cameras.image(camera, self._data), cv2.COLOR_RGB2BGR)
         options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if kind == "jpg" else []
-        _, data = cv2.imencode(f".{kind}", image, options)
-        return CameraFrame(time_s=state.time_s, data=data.tobytes())
+        data = pictures.encoded(cameras.image(camera, self._data), kind, options)
+        return CameraFrame(time_s=state.time_s, data=data)
 
     def calibrations(self, state: BlockState) -> list[Camera]:
         """Every camera's calibration."""

@@ -1,20 +1,23 @@
-"""The parts that both environments share: options checked once, seeds, the truth for `info`,
-pictures."""
+"""The parts that both environments share: the cell, options checked once, seeds, the truth for
+`info`, pictures."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from pliant.cell import Truth
 from pliant.conditions import Condition, Setup, condition
 from pliant.errors import InputError, unknown
-from pliant.sim.cell import SimRobot
+from pliant.sim.cell import SimCell, SimRobot
 
 RENDER_MODES = ["rgb_array"]
-RENDER_FPS = 25
-SEEDS = 2**31  # a reset without a seed draws the trial's from 0 to this
+_SEEDS = 2**31  # a reset without a seed draws the trial's from 0 to this
+
+
+Seen = TypeVar("Seen")
 
 
 def chosen(what: str, value: str, valid: Sequence[str]) -> str:
@@ -26,16 +29,6 @@ def chosen(what: str, value: str, valid: Sequence[str]) -> str:
 
 def as_condition(given: str | Condition) -> Condition:
     return given if isinstance(given, Condition) else condition(given)
-
-
-def check_render_mode(mode: str | None) -> str | None:
-    return None if mode is None else chosen("render_mode", mode, RENDER_MODES)
-
-
-def check_options(options: dict[str, Any] | None) -> None:
-    if options:
-        names = ", ".join(sorted(options))
-        raise InputError(f"reset has no option '{names}': give the seed alone")
 
 
 def check_action(action: object, size: int) -> NDArray[np.float64]:
@@ -65,5 +58,42 @@ def known(truth: Truth, setup: Setup) -> dict[str, Any]:
     }
 
 
-def picture(robot: SimRobot, camera: str) -> NDArray[np.uint8]:  # (480, 640, 3)
-    return robot.observe((camera,)).views[camera].image
+class CellEnv(gymnasium.Env[Seen, NDArray[Any]]):
+    """An environment on the simulated cell, with what was drawn for the trial that it is in."""
+
+    needs_reset = "step and render"
+    """What can be called only after `reset`."""
+
+    def __init__(self, render_mode: str | None) -> None:
+        if render_mode is not None:
+            chosen("render_mode", render_mode, RENDER_MODES)
+        self.render_mode = render_mode
+        self._cell = SimCell()
+        self._robot: SimRobot | None = None
+        self._setup = Setup(seed=0)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Seen, dict[str, Any]]:
+        if options:
+            names = ", ".join(sorted(options))
+            raise InputError(f"reset has no option '{names}': give the seed alone")
+        return super().reset(seed=seed)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The wide camera's picture (480, 640, 3), or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return self._ready().observe(("wide",)).views["wide"].image
+
+    def close(self) -> None:
+        if self._robot is not None:
+            self._robot.cameras.close()
+
+    def _ready(self) -> SimRobot:
+        if self._robot is None:
+            raise gymnasium.error.ResetNeeded(f"call reset before {self.needs_reset}")
+        return self._robot
+
+    def _drawn_seed(self) -> int:
+        return int(self.np_random.integers(_SEEDS))

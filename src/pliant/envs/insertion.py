@@ -17,25 +17,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import cv2
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from pliant.belief import Belief
 from pliant.cell import Observation, Stop, Truth
-from pliant.conditions import Condition, Setup
+from pliant.conditions import Condition
 from pliant.envelope import Guarded, Limits
 from pliant.envs.common import (
     RENDER_MODES,
-    SEEDS,
+    CellEnv,
     as_condition,
     check_action,
-    check_options,
-    check_render_mode,
     chosen,
     known,
-    picture,
 )
 from pliant.errors import InputError, RobotFault
 from pliant.formations import Formation
@@ -43,7 +39,7 @@ from pliant.levels import load_level
 from pliant.methods.planar.skills import PlanarSkills
 from pliant.pose import Axis, Pose
 from pliant.records import Look
-from pliant.sim.cell import SimCell, SimRobot
+from pliant.sim.cell import SimRobot
 from pliant.sim.stream import Streamed
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -59,7 +55,6 @@ STATE = (
     "compression",  # of the wrist, from free hang [m]
     "stopped",  # 1: the compression limit ended the last motion
 )
-_GOAL_AXES = (Axis.Y, Axis.Z, Axis.ROLL)
 
 OBSERVATIONS = ("state", "picture", "both")
 REWARDS = ("sparse", "shaped")
@@ -69,7 +64,7 @@ INSERTED, STEP_COST = 1.0, 0.001
 SHAPING = 10.0  # [1/m] on the tip's distance from its place in the hole
 
 
-class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
+class InsertionEnv(CellEnv[Any]):
     """Insert the peg by pose increments.
 
     `peg` is a shipped peg's name or a peg file, `condition` what is drawn, by name or as a
@@ -101,7 +96,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         start: str = "home",
         render_mode: str | None = None,
     ) -> None:
-        self.render_mode = check_render_mode(render_mode)
+        super().__init__(render_mode)
         self._task = load_task(peg, level)
         self._condition = load_level(level).on(as_condition(condition))
         self._axes = _as_axes(axes)
@@ -114,9 +109,6 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         self._scale = np.array([STEP_RAD if a.is_angle else STEP_M for a in self._axes])
         self._goals = shipped().for_task(self._task).goals
         self._goal = self._goals.target(Formation.INSERTION)
-        self._cell = SimCell()
-        self._robot: SimRobot | None = None
-        self._setup = Setup(seed=0)
         self._held = Pose()
         self._potential = 0.0
         self.action_space = spaces.Box(-1.0, 1.0, (len(self._axes),), np.float32)
@@ -127,9 +119,8 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
     ) -> tuple[Any, dict[str, Any]]:
         """Draw a trial: `seed`'s, the same that an experiment runs, or the next of this
         environment's own stream. `info` has the trial's seed."""
-        super().reset(seed=seed)
-        check_options(options)
-        trial = int(self.np_random.integers(SEEDS)) if seed is None else seed
+        super().reset(seed=seed, options=options)
+        trial = self._drawn_seed() if seed is None else seed
         self._setup = self._condition.draw(trial)
         self._robot = robot = self._cell.prepare(self._task, self._setup)
         self._play_taught(robot)
@@ -160,20 +151,7 @@ class InsertionEnv(gymnasium.Env[Any, NDArray[Any]]):
         info = self._info(truth, stop, fault)
         return self._observe(robot, stop), self._reward(truth), inserted, bool(fault), info
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """The wide camera's picture (480, 640, 3), or None without a render mode."""
-        return None if self.render_mode is None else picture(self._ready(), "wide")
-
-    def close(self) -> None:
-        if self._robot is not None:
-            self._robot.cameras.close()
-
     # --- inside ----------------------------------------------------------------------------------
-
-    def _ready(self) -> SimRobot:
-        if self._robot is None:
-            raise gymnasium.error.ResetNeeded("call reset before step and render")
-        return self._robot
 
     def _play_taught(self, robot: SimRobot) -> None:
         """Run the taught skills before the start, without looking."""

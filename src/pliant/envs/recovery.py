@@ -19,16 +19,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from pliant.conditions import Condition, Setup
+from pliant.conditions import Condition
 from pliant.envelope import Limits
 from pliant.envs.common import (
     RENDER_MODES,
-    SEEDS,
+    CellEnv,
     check_action,
-    check_options,
-    check_render_mode,
     known,
-    picture,
 )
 from pliant.envs.decision import ACTION, FIELDS, as_recovery, numbers
 from pliant.errors import InputError
@@ -36,7 +33,6 @@ from pliant.experiment.one import Spec, composed
 from pliant.reasoners.rules import Rules
 from pliant.records import Case, End, Execution, Recovery, Verdict
 from pliant.recovery import admit
-from pliant.sim.cell import SimCell, SimRobot
 from pliant.teaching import shipped
 from pliant.trial import Question
 
@@ -45,7 +41,7 @@ INSERTED, EXECUTION_COST = 1.0, 0.05
 _DRAWS = 30
 
 
-class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
+class RecoveryEnv(CellEnv[NDArray[np.float32]]):
     """Recover from failures, one decision per step.
 
     `peg` is a shipped peg's name or a peg file, `condition` what is drawn, by name or as a
@@ -57,6 +53,7 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 1}  # noqa: RUF012
+    needs_reset = "render"
 
     def __init__(
         self,
@@ -66,13 +63,10 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         condition: str | Condition = "all",
         render_mode: str | None = None,
     ) -> None:
-        self.render_mode = check_render_mode(render_mode)
+        super().__init__(render_mode)
         self._spec = Spec.named(peg=peg, level=level, condition=condition, reasoner=NAME)
         self._teaching = shipped().for_task(self._spec.task)
         self._limits = Limits()
-        self._cell = SimCell()
-        self._robot: SimRobot | None = None
-        self._setup = Setup(seed=0)
         self._judge = _Judge()
         self._turns: Generator[Question | Execution, None, None] | None = None
         self._question: Question | None = None
@@ -93,11 +87,9 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         """Run a trial to its first failure: `seed`'s, the same that an experiment runs, or where
         nothing fails in it, or no seed is given, the next that fails of this environment's own
         stream. `info` has the trial's seed."""
-        super().reset(seed=seed)
-        check_options(options)
+        super().reset(seed=seed, options=options)
         for draw in range(_DRAWS):
-            given = seed if draw == 0 else None
-            trial = int(self.np_random.integers(SEEDS)) if given is None else given
+            trial = self._drawn_seed() if seed is None or draw else seed
             self._begin(trial)
             if self._question is not None:
                 return self._observe(), {"seed": trial, **self._info()}
@@ -127,18 +119,6 @@ class RecoveryEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         reward = (INSERTED if inserted else 0.0) - cost
         info = self._info("; ".join(admission.refusals))
         return self._observe(), reward, terminated, truncated, info
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """The wide camera's picture (480, 640, 3), or None without a render mode."""
-        if self.render_mode is None:
-            return None
-        if self._robot is None:
-            raise gymnasium.error.ResetNeeded("call reset before render")
-        return picture(self._robot, "wide")
-
-    def close(self) -> None:
-        if self._robot is not None:
-            self._robot.cameras.close()
 
     # --- inside ----------------------------------------------------------------------------------
 

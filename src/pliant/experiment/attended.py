@@ -80,6 +80,7 @@ class Attended:
     def close(self) -> None:
         """Do nothing: the cell is its owner's to close."""
 
+    @signals.once(_ONCE_S)
     def perform(
         self,
         spec: Spec,
@@ -96,17 +97,6 @@ class Attended:
             KeyboardInterrupt: the person stopped; it says where the trial is kept, if it had begun.
             InputError: the cell cannot be prepared, or the record cannot be written.
         """
-        with signals.once(_ONCE_S):
-            return self._perform(spec, folder, record, replay, on_execution)
-
-    def _perform(
-        self,
-        spec: Spec,
-        folder: Path,
-        record: Path | None,
-        replay: Path | None,
-        on_execution: Callable[[Execution, Truth], None] | None,
-    ) -> Trial | None:
         if self._attendant is not None:
             self._attendant.begin(spec)
         trial = perform(

@@ -2,7 +2,7 @@
 fingerprint."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,7 @@ from pliant.experiment.where import Where
 from pliant.methods.named import method
 from pliant.own import short_name
 from pliant.reasoners import vlm as make_vlm
-from pliant.reasoners.vlm.settings import Settings
 from pliant.records import SCHEMA
-from pliant.task import Task
 from pliant.teaching import Teaching
 
 MOST_TRIALS = 1_000_000
@@ -26,36 +24,9 @@ WHOLE = {"trials": (1, MOST_TRIALS), "first_seed": (0, MOST_SEED)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell:
-    """One cell of a table: a task, its level, a condition, and who reasons (as in `Spec`)."""
-
-    task: Task
-    level: str
-    condition: Condition
-    reasoner: str
-    vlm: Settings | None = None
-    method: str = "planar"
-
-    @property
-    def names(self) -> tuple[str, str, str, str]:
-        """(level, peg, condition, reasoner), as in the result's columns."""
-        return self.spec(0).names
-
-    def spec(self, seed: int) -> Spec:
-        return Spec(
-            task=self.task,
-            level=self.level,
-            condition=self.condition,
-            seed=seed,
-            reasoner=self.reasoner,
-            vlm=self.vlm,
-            method=self.method,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """An experiment: cells of a table times seeds. `goals` is a taught goals file, or None for
+    """An experiment: cells of a table times seeds. A cell is the specification of its trials, of
+    which only the seed differs. `goals` is a taught goals file, or None for
     those of the workcell `where`.
 
     Raises:
@@ -63,7 +34,7 @@ class Experiment:
             out of range, the workcell's file cannot be used, or the workcell cannot do this.
     """
 
-    cells: tuple[Cell, ...]
+    cells: tuple[Spec, ...]
     trials: int = 30
     first_seed: int = 1
     goals: str | None = None
@@ -74,9 +45,9 @@ class Experiment:
         whole("first_seed", self.first_seed, *WHOLE["first_seed"])
         if not self.cells:
             raise InputError("the experiment has no cells: give pegs, conditions and reasoners")
-        ids: dict[str, Cell] = {}
+        ids: dict[str, Spec] = {}
         for cell in self.cells:
-            twin = ids.setdefault(cell.spec(0).trial_id, cell)
+            twin = ids.setdefault(cell.trial_id, cell)
             if twin is not cell:
                 raise InputError(
                     f"two different cells are both named {', '.join(cell.names)}: rename the peg"
@@ -97,7 +68,7 @@ class Experiment:
         """All trials in canonical order: by cell as listed, then by seed."""
         for cell in self.cells:
             for seed in range(self.first_seed, self.first_seed + self.trials):
-                yield cell.spec(seed)
+                yield replace(cell, seed=seed)
 
     def teaching(self) -> Teaching:
         """The taught goals. Raises InputError when the goals file cannot be used."""
@@ -149,7 +120,7 @@ class Experiment:
         simulates."""
         if self.where.kind != "sim":
             return {}
-        return {(c.reasoner, c.method): decides.expected(c.spec(0)) for c in self.cells}
+        return {(c.reasoner, c.method): decides.expected(c) for c in self.cells}
 
     @property
     def fingerprint(self) -> str:

@@ -10,20 +10,7 @@ import pyarrow as pa
 from pliant.conditions import QUANTITIES
 from pliant.pose import Axis
 from pliant.records import SCHEMA
-
-KINDS = {
-    "missed_edge": "Fit ended with the peg short of the hole, or astride its near rim",
-    "overshot": "Fit, or what followed it, ended with the peg beyond the hole's centre, outside it",
-    "compression_stop": "in the hole, and the compression limit ended the last execution",
-    "wedged": "in the hole, not deep enough, and not stopped by the compression limit",
-    "false_accept": "judged inserted, and it was not",
-    "false_reject": "inserted, and not judged so",
-    "not_inserted": "not inserted, as a person saw it; where the peg was, nobody measured",
-    "gave_up": "the reasoner stopped, or the trial ended before any Fit",
-    "cell_fault": "the cell ended it, as by a protective stop: see end_reason and fault",
-    "fault": "nothing was measured: reasoner, worker or wiring failed; see end_reason and fault",
-}
-"""The values of failure_kind; `rows.failure_kind` says how each is decided from the truth."""
+from pliant.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +59,12 @@ _CHECKS = pa.list_(
 
 def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> Column:
     return Column(name=name, type=kind, meaning=meaning, unit=unit)
+
+
+def _poses(name: str, meaning: str) -> list[Column]:
+    """The columns of a pose, one for each axis."""
+    units = {axis: "rad" if axis.is_angle else "m" for axis in Axis}
+    return [_column(f"{name}_{axis_field(a)}", _NUMBER, meaning, u) for a, u in units.items()]
 
 
 TRIALS: tuple[Column, ...] = (
@@ -127,16 +120,8 @@ EXECUTIONS: tuple[Column, ...] = (
     _column("index", _WHOLE, "the execution's place in the trial, from 0"),
     _column("formation", _TEXT, "approach, contact, fit, align or insertion"),
     _column("retreat", _YES_NO, "it first left the hole: up, across, down"),
-    *(
-        _column(f"goal_{axis_field(a)}", _NUMBER, "the pose that was asked for", _unit)
-        for a in Axis
-        for _unit in (["rad"] if a.is_angle else ["m"])
-    ),
-    *(
-        _column(f"end_{axis_field(a)}", _NUMBER, "the measured pose at the end", _unit)
-        for a in Axis
-        for _unit in (["rad"] if a.is_angle else ["m"])
-    ),
+    *_poses("goal", "the pose that was asked for"),
+    *_poses("end", "the measured pose at the end"),
     _column("stop", _TEXT, "reached, or compression: the limit ended it"),
     _column("peak_compression_m", _NUMBER, "of the wrist, from free hang", "m"),
     _column("checks", _CHECKS, "each check's vote (null: could not be made), message, and origin"),
@@ -172,8 +157,8 @@ EXECUTIONS: tuple[Column, ...] = (
 
 def dictionary(columns: tuple[Column, ...]) -> str:
     """The columns as a Markdown table, for docs/data.md."""
-    rows = [f"| `{c.name}` | `{_short(c.type)}` | {c.unit or '–'} | {c.meaning} |" for c in columns]
-    return "\n".join(["| column | type | unit | meaning |", "|---|---|---|---|", *rows])
+    rows = [(f"`{c.name}`", f"`{_short(c.type)}`", c.unit or "–", c.meaning) for c in columns]
+    return Table(["column", "type", "unit", "meaning"], rows).markdown()
 
 
 def _short(kind: pa.DataType) -> str:

@@ -4,19 +4,18 @@ them in a notebook."""
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from pliant import html
 from pliant.console import Console
 from pliant.errors import InputError
 from pliant.experiment import plan, results, runner, tables, tables_text
 from pliant.experiment.columns import EXECUTIONS, schema
 from pliant.experiment.progress import Shown, Watcher
 from pliant.paths import located, shown
-from pliant.text import escaped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,15 +75,10 @@ class Results:
 
     def _repr_html_(self) -> str:
         """A notebook's view: Table II."""
-        text = tables_text.table2(escaped(self.tables)["cells"])
-        lines = [[c.strip() for c in x.strip("| ").split(" | ")] for x in text.splitlines()]
-        lines = [line for line in lines if len(line) == len(lines[0]) and set(line) != {"---"}]
-        head, *rows = (
-            "".join(f"<{kind}>{escape(c)}</{kind}>" for c in line)
-            for line, kind in zip(lines, ["th"] + ["td"] * len(lines), strict=False)
-        )
-        body = "".join(f"<tr>{row}</tr>" for row in rows)
-        return f"<p>{escape(repr(self))}</p><table><tr>{head}</tr>{body}</table>"
+        shown = tables_text.success(self.tables["cells"])
+        rows = (html.row("td", row) for row in shown.rows)
+        table = html.tag("table", html.row("th", shown.head), *rows)
+        return html.join(html.tag("p", repr(self)), table)
 
 
 def compare(

@@ -21,14 +21,13 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import cv2
 
-from pliant import menagerie
+from pliant import menagerie, store
 from pliant.errors import InputError
 from pliant.experiment.one import Spec
 from pliant.formations import Formation
@@ -38,9 +37,9 @@ from pliant.teaching import Teaching
 
 _CANNOT_DECIDE = (
     *("cli", "calibration", "commissioning", "report", "export", "envs", "emulator"),
-    *("experiment", "store.py"),
+    *("experiment", "store.py", "html.py"),
 )
-_DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py")  # of the experiment's own
+_DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py", "success.py")  # of the experiment's own
 
 
 def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:
@@ -57,7 +56,7 @@ def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:
         "models": menagerie.digest() if models else None,
         # OpenCV's own word: it comes in packages of several names
         "versions": {
-            **{name: _version(name) for name in packages},
+            **{name: store.version_of(name) for name in packages},
             "opencv": cv2.__version__,
             "python": python,
         },
@@ -133,10 +132,3 @@ def _code() -> str:
             for part in (str(p.relative_to(root)).encode(), p.read_bytes())
         )
     )
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None

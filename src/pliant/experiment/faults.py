@@ -79,9 +79,8 @@ class Heeded:
             verdict = self.inner.judge(case)
         where = self.inner.judge
         _see(verdict, Verdict, "judge answered", where)
-        _see(verdict.success, bool, "the verdict's success is", where)
-        for name in ("reason", "by"):
-            _see(getattr(verdict, name), str, f"the verdict's {name} is", where)
+        for name, kind in (("success", bool), ("reason", str), ("by", str)):
+            _see(getattr(verdict, name), kind, f"the verdict's {name} is", where)
         return verdict
 
     def inquire(self, case: Case, verdict: Verdict) -> Probe | None:

@@ -8,7 +8,7 @@ from pliant import store
 from pliant.errors import InputError
 from pliant.experiment import growth, journal, results
 from pliant.experiment.cells import Experiment
-from pliant.files import write_bytes
+from pliant.files import write_json
 
 
 def prepare(experiment: Experiment, folder: Path, *, grows: bool = False) -> None:
@@ -49,7 +49,7 @@ def prepare(experiment: Experiment, folder: Path, *, grows: bool = False) -> Non
             named = [n for text in (run.get(name), value) if text for n in text.split(", ")]
             run[name] = ", ".join(dict.fromkeys(named)) or None
         run["configuration"] = after
-        write_bytes(run_file, (json.dumps(run, indent=2) + "\n").encode())
+        write_json(run_file, run, indent=2)
         for name in (results.TRIALS_FILE, results.EXECUTIONS_FILE):  # written again in the end
             (folder / name).unlink(missing_ok=True)
 

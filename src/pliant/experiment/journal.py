@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -75,16 +76,8 @@ def torn_bytes(path: Path) -> int:
     """Length of an unfinished last line [bytes]; 0 if the file ends with a whole one."""
     if not path.exists() or path.stat().st_size == 0:
         return 0
-    with path.open("rb") as file:
-        size = end = file.seek(0, os.SEEK_END)
-        while end > 0:
-            start = max(0, end - 65536)
-            file.seek(start)
-            cut = file.read(end - start).rfind(b"\n")
-            if cut >= 0:
-                return size - (start + cut + 1)
-            end = start
-    return size
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+        return len(content) - (content.rfind(b"\n") + 1)
 
 
 def rows_at(path: Path, offsets: Iterator[int]) -> Iterator[Rows]:

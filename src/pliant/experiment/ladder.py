@@ -49,16 +49,11 @@ def _is_scenario(level: str) -> bool:
 
 
 def _row(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
-    level, method, reasoner = key
     pegs = list(dict.fromkeys(t["peg"] for t in every))
     trials = measures.measured(every)
     return {
-        "level": level,
-        "method": method,
-        "reasoner": reasoner,
-        "n": len(trials),
-        "faults": len(every) - len(trials),
-        "own": measures.model_share(trials),
+        "level": key[0],
+        **_by(key, every, trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
         "wrong": measures.rate(measures.inserted(t) != t["judged"] for t in trials),
         "false_accepts": measures.rate(t["judged"] and not measures.inserted(t) for t in trials),
@@ -68,6 +63,17 @@ def _row(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
             for peg in pegs
         },
         "failure_kinds": measures.kinds(every),
+    }
+
+
+def _by(key: _Key, every: Sequence[Row], trials: Sequence[Row]) -> dict[str, Any]:
+    """By whom the trials of a row were done, and how many of all were measured."""
+    return {
+        "method": key[1],
+        "reasoner": key[2],
+        "n": len(trials),
+        "faults": len(every) - len(trials),
+        "own": measures.model_share(trials),
     }
 
 
@@ -83,20 +89,15 @@ def _effort(trials: Sequence[Row]) -> dict[str, float | None]:
 
 
 def _scenario(key: _Key, every: Sequence[Row]) -> dict[str, Any]:
-    name, method, reasoner = key
     trials = measures.measured(every)
-    level = shipped_levels()[name]
+    level = shipped_levels()[key[0]]
     ends = [str(t["end_reason"]) for t in trials]
     return {
-        "scenario": name,
-        "method": method,
-        "reasoner": reasoner,
-        "n": len(trials),
-        "faults": len(every) - len(trials),
-        "own": measures.model_share(trials),
+        "scenario": key[0],
+        **_by(key, every, trials),
         "right": level.right if level.is_scenario else VARIES,
         "rightly": measures.rate(_is_right(t, _of_trial(t, level)) for t in trials),
-        "diagnosed": measures.rate(_is_diagnosed(t, _of_trial(t, level)) for t in trials),
+        "diagnosed": measures.rate(t.get("diagnosis") in _of_trial(t, level).truly for t in trials),
         "inserted": measures.rate(measures.inserted(t) for t in trials),
         "stopped": measures.rate(_has_stopped(end) for end in ends),
         "exhausted": measures.rate(end in (End.EXHAUSTED, End.REFUSED) for end in ends),
@@ -121,9 +122,3 @@ def _is_right(trial: Row, level: Level) -> bool:
     stopped = _has_stopped(str(trial["end_reason"]))
     inserted = bool(measures.inserted(trial)) and bool(trial["judged"])
     return (stopped and level.right != INSERT) or (inserted and level.right != STOP)
-
-
-def _is_diagnosed(trial: Row, level: Level) -> bool:
-    """Whether what was believed in the end is so; a method without a diagnosis believes
-    nothing."""
-    return trial.get("diagnosis") in level.truly

@@ -26,6 +26,11 @@ ANGLE_EDGES_DEG = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 90.0)
 _NO_CORRECTION_M = 0.0001  # goals of Align closer than this are the same goal
 
 
+def names(trial: Row) -> tuple[str, str, str, str]:
+    """The names of the cell of a table that a trial is of."""
+    return trial["level"], trial["peg"], trial["condition"], trial["reasoner"]
+
+
 def inserted(trial: Row) -> bool | None:
     """The paper's G, whether the peg is inserted; None where it is not known, or nothing was
     measured."""

@@ -107,6 +107,20 @@ class Spec:
     def trial_id(self) -> str:
         return trial_id(self.names, self.seed)
 
+    def trial(self, **done: Any) -> Trial:
+        """The record of the trial, with what came of it."""
+        return Trial(
+            trial_id=self.trial_id,
+            task=self.task,
+            level=self.level,
+            condition=self.condition.name,
+            seed=self.seed,
+            reasoner=self.reasoner_name,
+            method=short_name(self.method),
+            drawn=self.condition.draw(self.seed).quantities(),
+            **done,
+        )
+
 
 def whole(name: str, value: Any, least: int, most: int) -> None:
     """Check a number. Raises InputError where it is no whole number from `least` to `most`."""
@@ -199,13 +213,7 @@ def perform(
             run.fault = str(signals.interrupted())
         history, simulated_s = run.history, run.clock_s
         end_reason, why, aborted = run.end_reason, run.fault, run.aborted
-    return Trial(
-        trial_id=spec.trial_id,
-        task=spec.task,
-        level=spec.level,
-        condition=spec.condition.name,
-        seed=spec.seed,
-        reasoner=spec.reasoner_name,
+    return spec.trial(
         model=getattr(mind, "model", None),
         goals=teaching.goals,
         executions=tuple(history),
@@ -213,11 +221,9 @@ def perform(
         fault=why,
         simulated_s=simulated_s,
         wall_s=time.perf_counter() - started,
-        drawn=setup.quantities(),
         truths=tuple(truths),
         aborted=aborted,
         cell=cell.kind,
-        method=short_name(spec.method),
     )
 
 

@@ -1,11 +1,13 @@
 """Where each finished trial's line stands in the journal."""
 
 from array import array
+from collections.abc import Iterator
 from pathlib import Path
 
 from pliant.errors import InputError
 from pliant.experiment import growth, journal, one
 from pliant.experiment.cells import Experiment
+from pliant.experiment.one import Spec
 
 
 class Places:
@@ -21,7 +23,7 @@ class Places:
             total += len(seeds)
         self.offsets = array("q", [-1]) * total
         self._asked = {
-            cell.spec(0).trial_id.rpartition("-")[0]: i for i, cell in enumerate(experiment.cells)
+            cell.trial_id.rpartition("-")[0]: i for i, cell in enumerate(experiment.cells)
         }
         self._seeds = range(experiment.first_seed, experiment.first_seed + experiment.trials)
         self._wanted = len(experiment)
@@ -37,11 +39,12 @@ class Places:
         """The places of all finished trials' lines."""
         return [offset for offset in self.offsets if offset >= 0]
 
-    def has(self, name: str) -> bool:
-        """Whether a trial of the experiment is finished."""
-        prefix, _, seed = name.rpartition("-")
-        base, seeds = self._cells[prefix]
-        return self.offsets[base + seeds.index(int(seed))] >= 0
+    def missing_of(self, experiment: Experiment) -> Iterator[Spec]:
+        """The trials of the experiment that are not finished, in canonical order."""
+        for spec in experiment.specs():
+            base, seeds = self._cells[spec.trial_id.rpartition("-")[0]]
+            if self.offsets[base + seeds.index(spec.seed)] < 0:
+                yield spec
 
     def put(self, name: str, offset: int, path: Path) -> int | None:
         """Note the place of a trial's line; return the trial's cell, None where this call does not

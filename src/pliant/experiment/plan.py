@@ -23,8 +23,8 @@ from pliant import files
 from pliant.conditions import CONDITIONS, Condition, check_range, condition
 from pliant.errors import InputError, unknown, within
 from pliant.experiment import oracle
-from pliant.experiment.cells import WHOLE, Cell, Experiment
-from pliant.experiment.one import whole
+from pliant.experiment.cells import WHOLE, Experiment
+from pliant.experiment.one import Spec, whole
 from pliant.experiment.trust import Agree, Named, refuse
 from pliant.levels import FIELDS, load_level
 from pliant.methods.named import method
@@ -102,7 +102,7 @@ def _planned(
         block.update({k: _Given(v) for k, v in replaced.items() if k in ("level", "method")})
     asked = {k: _Given(v, ("vlm", k)) for k, v in _settings(given).items()}
     asked |= {k: _Given(v) for k, v in _settings(replaced).items()}
-    cells: list[Cell] = []
+    cells: list[Spec] = []
     for place, block in blocks:
         cells += [cell for cell in _cells(place, block, asked) if cell not in cells]
     minds = [mind for _, block in blocks for mind in block["reasoner"].each()]
@@ -200,7 +200,7 @@ def _settings(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 def _cells(
     place: files.Place, block: Mapping[str, _Given], asked: Mapping[str, _Given]
-) -> Iterator[Cell]:
+) -> Iterator[Spec]:
     """The cross product of a block whose entries are one value or a list of them."""
     level = block["level"].read(lambda name: load_level(str(name)))
     block = {"peg": _Given(list(level.pegs)), **block}
@@ -211,15 +211,16 @@ def _cells(
     pegs, conditions, reasoners = (
         _each_once(single, block[single].each()) for single in _BLOCK.values()
     )
-    way = block["method"].read(lambda name: _method(name, level.method))
-    tasks = [peg.read(lambda name: load_task(_text("peg", name), level.name)) for peg in pegs]
+    way = block["method"].read(lambda name: level.method if name is None else _name("method", name))
+    tasks = [peg.read(lambda name: load_task(_name("peg", name), level.name)) for peg in pegs]
     drawn = [level.on(entry.read(parse_condition)) for entry in conditions]
     minds = [_reasoner(entry, asked) for entry in reasoners]
     for task, drawing, (name, settings) in product(tasks, drawn, minds):
-        yield Cell(
+        yield Spec(
             task=task,
             level=level.name,
             condition=drawing,
+            seed=0,
             reasoner=name,
             vlm=settings,
             method=way,
@@ -234,12 +235,6 @@ def _each_once(what: str, entries: list[_Given]) -> list[_Given]:
             with within(*entry.place):
                 raise InputError(f"{what} '{named}' is given twice: give it once")
     return entries
-
-
-def _method(name: Any, usual: str) -> str:
-    if name is None:
-        return usual
-    return _text("method", name)
 
 
 def _reasoner(given: _Given, asked: Mapping[str, _Given]) -> tuple[str, Settings | None]:
@@ -266,11 +261,11 @@ def _reasoner(given: _Given, asked: Mapping[str, _Given]) -> tuple[str, Settings
 def _reasoners_name(entry: Any) -> str:
     """The name of a reasoner that can be used; one with settings must be named otherwise."""
     if isinstance(entry, dict):
-        name = _name("reasoner's name", entry.get("name"))
+        name = _name("reasoner's name", entry.get("name"), is_new=True)
         if name in REASONERS or name == oracle.NAME:
             raise InputError(f"reasoner '{name}' is no VLM: one with settings needs another name")
         return name
-    return _text("reasoner", entry)
+    return _name("reasoner", entry)
 
 
 def _named(minds: list[_Given], ways: list[_Given], asked: Mapping[str, _Given]) -> Named:
@@ -308,20 +303,20 @@ def parse_condition(entry: Any) -> Condition:
         InputError: the name is unknown or taken, or a quantity or a range is not valid.
     """
     if not isinstance(entry, dict):
-        return condition(_text("condition", entry))
+        return condition(_name("condition", entry))
     ranges = dict(entry)
-    name = _name("condition's name", ranges.pop("name", None))
+    name = _name("condition's name", ranges.pop("name", None), is_new=True)
     if name in CONDITIONS:
         raise InputError(f"condition '{name}' is the paper's: a custom one needs another name")
-    return Condition(name=name, ranges=dict(_range(name, k, v) for k, v in ranges.items()))
+    drawn: dict[str, tuple[float, float]] = {}
+    for field, value in ranges.items():
+        with within(field):
+            drawn.update([_range(name, field, value)])
+    return Condition(name=name, ranges=drawn)
 
 
 def _range(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]:
-    with within(field):
-        return _in_si(name, field, value)
-
-
-def _in_si(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]:
+    """The quantity and its range in SI units that a field of a condition says."""
     if field not in FIELDS:
         raise unknown("quantity", field, FIELDS, f"in condition '{name}'")
     numbers = isinstance(value, list) and all(
@@ -335,15 +330,9 @@ def _in_si(name: str, field: str, value: Any) -> tuple[str, tuple[float, float]]
     return quantity, (low, high)
 
 
-def _name(what: str, value: Any) -> str:
-    """A name that the file gives to something; it may not be empty."""
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{what} is {value!r}: it must be a name")
-    return value
-
-
-def _text(what: str, value: Any) -> str:
-    """A name of something that there is; whoever looks it up says what is valid."""
-    if not isinstance(value, str):
+def _name(what: str, value: Any, *, is_new: bool = False) -> str:
+    """A name in the file: of something that there is, where whoever looks it up says what is valid;
+    or one that `is_new`, which the file gives to something, and may not be empty."""
+    if not isinstance(value, str) or (is_new and not value):
         raise InputError(f"{what} is {value!r}: it must be a name")
     return value

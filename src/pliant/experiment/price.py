@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pliant.experiment.cells import Cell, Experiment
+from pliant.experiment.cells import Experiment
 from pliant.reasoners.vlm.settings import Decider, Detail, Effort, Settings
 
 # Measured with a scripted model that answers as the rules do (circle, all, seeds 1 to 8): 6.4
@@ -13,6 +13,9 @@ _PICTURE = {Detail.LOW: 85, Detail.HIGH: 765}  # tokens of 640 x 480, as OpenAI 
 _FIRST = 150  # tokens of the words of the request that is sent first, and the reply's schema
 _REPLY = 250  # tokens: a guess, models differ in how much they say
 _THOUGHTS = {None: 0, Effort.LOW: 500, Effort.MEDIUM: 2000, Effort.HIGH: 6000}  # tokens: a guess
+
+_Use = tuple[float, float, float]
+"""The number of requests, of tokens sent and of tokens received."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,29 +38,26 @@ class Estimate:
 
 def estimate(experiment: Experiment) -> Estimate | None:
     """Estimate the cost of all trials whose model is a hosted one; None: there are none."""
-    cells = [c for c in experiment.cells if c.vlm is not None and c.vlm.base_url is None]
-    if not cells:
+    asked = [c.vlm for c in experiment.cells if c.vlm is not None and c.vlm.base_url is None]
+    if not asked:
         return None
     n = experiment.trials
-    asked = [(cell, n, _trial(cell)) for cell in cells]
-    first = {cell.vlm: cell for cell in cells}
-    asked += [(cell, 1, _first_request(cell)) for cell in first.values()]
-    dollars = [_usd(cell, spent) for cell, _, spent in asked]
+    spent = [(settings, n, _trial(settings)) for settings in asked]
+    spent += [(settings, 1, _first_request(settings)) for settings in dict.fromkeys(asked)]
+    dollars = [_usd(settings, use) for settings, _, use in spent]
     known = [d for d in dollars if d is not None]
     return Estimate(
-        trials=n * len(cells),
-        requests=round(sum(times * requests for _, times, (requests, _, _) in asked)),
-        tokens=round(sum(times * (sent + got) for _, times, (_, sent, got) in asked)),
-        usd=sum(times * d for (_, times, _), d in zip(asked, known, strict=True))
+        trials=n * len(asked),
+        requests=round(sum(times * requests for _, times, (requests, _, _) in spent)),
+        tokens=round(sum(times * (sent + got) for _, times, (_, sent, got) in spent)),
+        usd=sum(times * d for (_, times, _), d in zip(spent, known, strict=True))
         if len(known) == len(dollars)
         else None,
     )
 
 
-def _trial(cell: Cell) -> tuple[float, float, float]:
-    """The number of requests, tokens sent and tokens received in one trial."""
-    settings = cell.vlm
-    assert settings is not None
+def _trial(settings: Settings) -> _Use:
+    """The use of one trial."""
     requests = 0.0
     if settings.judge is Decider.VLM:
         requests += _VERDICTS
@@ -72,18 +72,14 @@ def _trial(cell: Cell) -> tuple[float, float, float]:
     return requests, sent, requests * (_REPLY + _THOUGHTS[settings.effort])
 
 
-def _first_request(cell: Cell) -> tuple[float, float, float]:
-    """The number of requests, tokens sent and tokens received for the request before the first
-    trial."""
-    assert cell.vlm is not None
-    return 1.0, _FIRST + cell.vlm.picture * _PICTURE[cell.vlm.detail], _REPLY / 10
+def _first_request(settings: Settings) -> _Use:
+    """The use of the request before the first trial."""
+    return 1.0, _FIRST + settings.picture * _PICTURE[settings.detail], _REPLY / 10
 
 
-def _usd(cell: Cell, spent: tuple[float, float, float]) -> float | None:
-    settings = cell.vlm
-    assert settings is not None
+def _usd(settings: Settings, use: _Use) -> float | None:
     price = settings.usd_per_million or _published(settings)
-    _, sent, received = spent
+    _, sent, received = use
     return None if price is None else (price[0] * sent + price[1] * received) / 1e6
 
 

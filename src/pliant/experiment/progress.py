@@ -22,23 +22,33 @@ _CELLS_SHOWN = 24  # more do not fit a screen: then those that are being worked 
 class Watcher(Protocol):
     """A watcher of a run, told by the runner as it goes. It is used as a context."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
+
     def __exit__(
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,
         traceback: TracebackType | None,
-    ) -> None: ...
+    ) -> None:
+        return
+
     def known(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         """Note that a trial of that cell was finished before this start; `fault` says what kept it
         from being measured."""
-        ...
+        return
 
     def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
         """Note that a trial of that cell is finished now."""
-        ...
+        return
 
-    def say(self, text: str) -> None: ...
+    def say(self, text: str) -> None:
+        """Tell something about the whole run."""
+        return
+
+
+class Silent(Watcher):
+    """A watcher that shows nothing."""
 
 
 @dataclass(kw_only=True)
@@ -143,27 +153,3 @@ class Shown:
             return rows
         busy = [r for r in rows if 0 < r[1].done < self._experiment.trials]
         return busy[:_CELLS_SHOWN]
-
-
-class Silent:
-    """A watcher that shows nothing."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        pass
-
-    def known(self, cell: int, inserted: bool | None, fault: str = "") -> None:
-        pass
-
-    def finished(self, cell: int, inserted: bool | None, fault: str = "") -> None:
-        pass
-
-    def say(self, text: str) -> None:
-        pass

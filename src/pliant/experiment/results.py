@@ -96,10 +96,9 @@ def write_rows(folder: Path, rows: Iterable[Rows]) -> None:
             pq.ParquetWriter(second, executions, write_page_checksum=True) as execution_file,
         ):
             for batch in _batches(rows):
-                trial_file.write_table(_table([r.trial for r in batch], trials))
-                execution_file.write_table(
-                    _table([e for r in batch for e in r.executions], executions)
-                )
+                done, steps = [r.trial for r in batch], [e for r in batch for e in r.executions]
+                trial_file.write_table(pa.Table.from_pylist(done, schema=trials))
+                execution_file.write_table(pa.Table.from_pylist(steps, schema=executions))
     except (pa.ArrowException, LookupError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -195,10 +194,6 @@ def _check(path: Path, written: pa.Schema, columns: tuple[Column, ...]) -> None:
             f"'{path}' has schema {found}, or other columns; this pliant reads {SCHEMA}: use the"
             " one that wrote it"
         )
-
-
-def _table(rows: list[Row], target: pa.Schema) -> pa.Table:
-    return pa.Table.from_pylist(rows, schema=target)
 
 
 def _batches(items: Iterable[T]) -> Iterator[list[T]]:

@@ -8,16 +8,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pliant.cell import Stop, Truth
+from pliant.cell import Truth
 from pliant.experiment import faults
 from pliant.experiment.columns import axis_field
 from pliant.experiment.one import Spec
-from pliant.formations import RECOVERABLE, Formation, Step
-from pliant.own import short_name
+from pliant.experiment.success import trial_kind
+from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose
-from pliant.records import Decision, End, Exchange, Execution, Trial
+from pliant.records import Decision, Exchange, Execution, Trial
 
 Row = dict[str, Any]
+_NO_GOALS = Goals(formations={f: dict.fromkeys(OWNED[f], 0.0) for f in Formation})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +80,7 @@ def trial_row(trial: Trial) -> Row:
         "moves": sum(len(e.motions) for e in trial.executions),
         "simulated_s": _number(trial.simulated_s),
         "wall_s": trial.wall_s,
-        "failure_kind": failure_kind(trial),
+        "failure_kind": trial_kind(trial),
         **_asked(trial),
         **_spent([x for e in trial.executions for x in exchanges(e)]),
         **{f"drawn_{name}": value for name, value in trial.drawn.items()},
@@ -89,38 +90,17 @@ def trial_row(trial: Trial) -> Row:
 def lost(spec: Spec, kind: str, message: str, wall_s: float, cell: str = "sim") -> Rows:
     """The rows of a trial that left no record: it is neither judged nor labelled. `cell` is the
     workcell's kind."""
-    return Rows(
-        trial={
-            "trial_id": spec.trial_id,
-            "cell": cell,
-            "level": spec.level,
-            "peg": spec.task.peg.name,
-            "method": short_name(spec.method),
-            "condition": spec.condition.name,
-            "reasoner": spec.reasoner_name,
-            "model": None if spec.vlm is None else spec.vlm.model,
-            "seed": spec.seed,
-            "judged": False,
-            "inserted": None,
-            "depth_m": None,
-            "end_reason": f"{faults.PREFIX}{kind}",
-            "fault": message,
-            "diagnosis": None,
-            "diagnosis_weight": None,
-            "executions": 0,
-            **{f"extra_{f}": 0 for f in RECOVERABLE},
-            "moves": 0,
-            "simulated_s": 0.0,
-            "wall_s": wall_s,
-            "failure_kind": "fault",
-            "decisions": 0,
-            "own": 0,
-            "clamped": 0,
-            "fallbacks": 0,
-            **_spent([]),
-            **{f"drawn_{k}": v for k, v in spec.condition.draw(spec.seed).quantities().items()},
-        }
+    nothing = spec.trial(
+        model=None if spec.vlm is None else spec.vlm.model,
+        goals=_NO_GOALS,
+        executions=(),
+        end_reason=f"{faults.PREFIX}{kind}",
+        fault=message,
+        simulated_s=0.0,
+        wall_s=wall_s,
+        cell=cell,
     )
+    return rows_of(nothing)
 
 
 def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> Row:
@@ -163,40 +143,6 @@ def execution_row(trial_id: str, execution: Execution, truth: Truth | None) -> R
     if admission is not None:
         row |= {"admitted": _steps(admission.steps), "refusals": list(admission.refusals)}
     return row | _spent(exchanges(execution))
-
-
-def failure_kind(trial: Trial) -> str | None:
-    """The kind of a trial's failure, from the truth; None when nothing failed or the truth is not
-    known.
-
-    In order: a fault after which nothing was measured is "fault", another "cell_fault"
-    (`faults` says which); judged and not inserted "false_accept"; inserted and
-    not judged "false_reject"; a reasoner that stopped, or a trial without a Fit, "gave_up". Then
-    where the peg was, first after the last Fit and then at the end: outside the hole it had
-    "missed_edge" short of the hole's centre (Fit travels toward -y) or "overshot" beyond it.
-    In the hole it is a "compression_stop" if the last execution was stopped so, else "wedged".
-    Where nobody measured the peg's place, it is "not_inserted".
-    """
-    if trial.end_reason.startswith(faults.PREFIX):
-        return "fault" if faults.is_unmeasured(trial.end_reason) else "cell_fault"
-    if trial.inserted is None or (trial.judged and trial.inserted):
-        return None
-    if trial.judged or trial.inserted:
-        return "false_accept" if trial.judged else "false_reject"
-    fits = [t for e, t in _pairs(trial) if e.formation is Formation.FIT]
-    if trial.end_reason == End.STOPPED or not fits:
-        return "gave_up"
-    for truth in (fits[-1], trial.truths[-1]):
-        if truth.fit is None:
-            return "not_inserted"
-        if not truth.fit:
-            return "missed_edge" if truth.tip[1] > truth.hole_y else "overshot"
-    stopped = trial.executions[-1].outcome.stop is Stop.COMPRESSION
-    return "compression_stop" if stopped else "wedged"
-
-
-def _pairs(trial: Trial) -> list[tuple[Execution, Truth]]:
-    return list(zip(trial.executions, trial.truths, strict=False))
 
 
 def _truth(truth: Truth) -> Row:

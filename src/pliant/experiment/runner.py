@@ -140,12 +140,11 @@ def run(
                 replay=replay,
                 expected=expected.get((spec.reasoner, spec.method)),
             )
-            for spec in experiment.specs()
-            if not place.has(spec.trial_id)
+            for spec in place.missing_of(experiment)
         )
         if replay is None and not fallback_from_start:
-            missing = (spec for spec in experiment.specs() if not place.has(spec.trial_id))
-            for settings in dict.fromkeys(spec.vlm for spec in missing if spec.vlm is not None):
+            asked = (spec.vlm for spec in place.missing_of(experiment) if spec.vlm is not None)
+            for settings in dict.fromkeys(asked):
                 refuse_silent(settings, seen.say)
         silent = _Silent(experiment, seen.say)
         interrupted = False

@@ -3,7 +3,6 @@
 `build` gives them as a JSON-able dict, `markdown` as text; `write` puts both beside the data.
 """
 
-import json
 from collections import Counter
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -41,7 +40,7 @@ def keep(folder: Path, document: Document) -> None:
         InputError: the folder cannot be written, or holds a link.
     """
     folders.refuse_links(folder, but=(store.TRIALS,))
-    files.write_bytes(folder / JSON_FILE, (json.dumps(document, indent=1) + "\n").encode())
+    files.write_json(folder / JSON_FILE, document)
     files.write_bytes(folder / MARKDOWN_FILE, markdown(document).encode())
 
 
@@ -57,7 +56,7 @@ def build(folder: Path, part: Container[str] | None = None) -> Document:
     for trial in results.read_trials(folder).drop_columns(["wall_s"]).to_pylist():
         if part is not None and trial["trial_id"] not in part:
             continue
-        key = (trial["level"], trial["peg"], trial["condition"], trial["reasoner"])
+        key = measures.names(trial)
         cell = cells.setdefault(key, _Cell(key=key))
         if faults.is_fault(trial):
             cell.faulted.append(trial)

@@ -1,15 +1,20 @@
 """The tables as Markdown, for a terminal, a file or the README."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import itemgetter
 from typing import Any
 
-from pliant.experiment.columns import KINDS
 from pliant.experiment.ladder import VARIES
 from pliant.experiment.measures import is_partly, is_undecided, name
+from pliant.experiment.success import TRIAL_KINDS
 from pliant.formations import RECOVERABLE
+from pliant.table import Table
 from pliant.text import escaped
 
 Document = Mapping[str, Any]
+Columns = dict[str, Callable[[Document], object]]
+"""The columns of a table by their names: what each shows of a row."""
+NONE = "–"
 PARTLY = "†"
 PAIRED = (
     "The difference in G, on the trials that both reasoners have: it is positive where the one"
@@ -28,7 +33,6 @@ _RIGHT = {
     "either": "insert or stop",
     VARIES: "by trial",
 }
-_PAPERS = ("paper's F, G [%]", "paper's fit, align, insertion")
 _SIMULATED = ("sim", "emulator")
 _CELLS = {
     "emulator": "**Emulated: no robot.** A simulated cell behind the UR5e's own software.",
@@ -55,7 +59,12 @@ def markdown(document: Document) -> str:
         table2(cells),
         "## Table III: from the failed formation to the first of its plan [%]",
         table3(document["transitions"], paper["reasoner"]),
-        *_table4_section(document.get("placed", [])),
+        *_section(
+            "Table IV: success by the place of the hole and the grasp angle",
+            table4,
+            document,
+            "placed",
+        ),
         "## Reasoner against reasoner, on the same seeds",
         pairs(document["pairs"]),
         "## Depth reached",
@@ -72,26 +81,6 @@ def markdown(document: Document) -> str:
     return "\n\n".join(sections) + "\n"
 
 
-def table2(cells: Sequence[Document]) -> str:
-    """Table II in the paper's layout, the paper's own figures beside ours."""
-    beside = _faults_beside(cells)
-    header = ["peg", "condition", "reasoner", "n", *beside, "F [%]", "G [%]", *_own_beside(cells)]
-    header += [*(str(f) for f in RECOVERABLE), *_PAPERS]
-    rows = [
-        [*_who(c), str(c["n"]), *(str(c["faults"]) for _ in beside)]
-        + [_outcome(c, "judged"), _outcome(c, "inserted"), *_own(c, cells)]
-        + [*_extra(c), *_theirs(c["paper"])]
-        for c in cells
-    ]
-    text = _table(header, rows)
-    faults = sum(c["faults"] for c in cells)
-    disagreed, n = sum(c["disagreed"] for c in cells), sum(c["n"] for c in cells)
-    told = f"Judged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
-    made = dict.fromkeys(c["made_by"] for c in cells if c.get("made_by"))
-    told += f" Made by {' and '.join(made)}." if made else ""
-    return "\n\n".join([text, told, *marks(r.get("own") for r in cells)])
-
-
 def _section(
     title: str, table: Callable[[Sequence[Document]], str], document: Document, name: str
 ) -> list[str]:
@@ -99,69 +88,95 @@ def _section(
     return [f"## {title}", table(rows)] if rows else []
 
 
+def table2(cells: Sequence[Document]) -> str:
+    """Table II in the paper's layout, the paper's own figures beside ours."""
+    faults = sum(c["faults"] for c in cells)
+    disagreed, n = sum(c["disagreed"] for c in cells), sum(c["n"] for c in cells)
+    told = f"Judged ≠ inserted in {disagreed} of {n} trials; faults in {faults}."
+    made = dict.fromkeys(c["made_by"] for c in cells if c.get("made_by"))
+    told += f" Made by {' and '.join(made)}." if made else ""
+    return marked(success(cells), cells, told)
+
+
+def success(cells: Sequence[Document]) -> Table:
+    """Table II, without what is said below it."""
+    return Table.of(
+        cells,
+        {
+            **WHO,
+            "n": itemgetter("n"),
+            **_faults(cells),
+            **_JUDGED_AND_TRUE,
+            **_own(cells),
+            **_EXTRA,
+            **_THEIRS,
+        },
+    )
+
+
 def ladder(rows: Sequence[Document]) -> str:
     """The ladder's table, a row per level, skill set and reasoner; the paper's criterion or the
     level's own depth."""
-    beside = _faults_beside(rows)
-    header = ["level", "method", "reasoner", *beside, "inserted [%]", *_own_beside(rows)]
-    header += ["judged ≠ inserted [%]"]
-    header += ["false accepts [%]", "executions", "motions", "simulated time [s]", "failures"]
-    table = _table(
-        header,
-        [
-            [r["level"], r["method"], shown_name(r), *(str(r.get("faults", 0)) for _ in beside)]
-            + [_outcome(r, "inserted"), *_own(r, rows), _number(r["wrong"]["percent"], 1)]
-            + [_number(r["false_accepts"]["percent"], 1), _number(r["executions"], 1)]
-            + [_number(r["moves"], 0), _number(r["simulated_s"], 0)]
-            + [", ".join(f"{n} {kind}" for kind, n in r["failure_kinds"].items()) or "–"]
-            for r in rows
-        ],
-    )
-    return "\n\n".join([table, *marks(r.get("own") for r in rows)])
+    columns: Columns = {
+        "level": itemgetter("level"),
+        "method": itemgetter("method"),
+        "reasoner": shown_name,
+        **_faults(rows),
+        "inserted [%]": lambda r: outcome(r, "inserted"),
+        **_own(rows),
+        "judged ≠ inserted [%]": lambda r: number(r["wrong"]["percent"], 1),
+        "false accepts [%]": lambda r: number(r["false_accepts"]["percent"], 1),
+        "executions": lambda r: number(r["executions"], 1),
+        "motions": lambda r: number(r["moves"], 0),
+        "simulated time [s]": lambda r: number(r["simulated_s"], 0),
+        "failures": lambda r: ", ".join(f"{n} {k}" for k, n in r["failure_kinds"].items()) or NONE,
+    }
+    return marked(Table.of(rows, columns), rows)
 
 
 def scenarios(rows: Sequence[Document]) -> str:
     """The scenarios' table, a row per scenario, skill set and reasoner: how often it ended as is
     right, and otherwise."""
-    beside = _faults_beside(rows)
-    header = ["scenario", "reasoner", *beside, "right is to", "ended so [%]"]
-    header += ["diagnosis right [%]", *_own_beside(rows), "inserted", "stopped"]
-    header += ["ten failures", "cap", "false accepts", "executions", "simulated time [s]"]
-    counted = ("inserted", "stopped", "exhausted", "cap", "false_accepts")
-    table = _table(
-        header,
-        [
-            [r["scenario"], shown_name(r), *(str(r.get("faults", 0)) for _ in beside)]
-            + [_RIGHT[r["right"]], _outcome(r, "rightly"), _outcome(r, "diagnosed")]
-            + [*_own(r, rows)]
-            + [str(r[name]["successes"]) for name in counted]
-            + [_number(r["executions"], 1), _number(r["simulated_s"], 0)]
-            for r in rows
-        ],
-    )
-    return "\n\n".join([table, *marks(r.get("own") for r in rows)])
+    columns: Columns = {
+        "scenario": itemgetter("scenario"),
+        "reasoner": shown_name,
+        **_faults(rows),
+        "right is to": lambda r: _RIGHT[r["right"]],
+        "ended so [%]": lambda r: outcome(r, "rightly"),
+        "diagnosis right [%]": lambda r: outcome(r, "diagnosed"),
+        **_own(rows),
+        "inserted": lambda r: r["inserted"]["successes"],
+        "stopped": lambda r: r["stopped"]["successes"],
+        "ten failures": lambda r: r["exhausted"]["successes"],
+        "cap": lambda r: r["cap"]["successes"],
+        "false accepts": lambda r: r["false_accepts"]["successes"],
+        "executions": lambda r: number(r["executions"], 1),
+        "simulated time [s]": lambda r: number(r["simulated_s"], 0),
+    }
+    return marked(Table.of(rows, columns), rows)
 
 
 def table4(cells: Sequence[Document]) -> str:
     """Table IV in the paper's layout, the paper's own figures beside ours."""
-    header = ["cell", "reasoner", "hole y [mm]", "angle [°]", "n", "F [%]", "G [%]"]
-    header += _own_beside(cells)
-    header += [*(str(f) for f in RECOVERABLE), "faults", "no label", *_PAPERS]
-    rows = []
-    for c in cells:
-        unlabelled = str(c["n"] - c["inserted"]["n"])
-        rows.append(
-            [c["cell"], _who(c)[2], f"{c['hole_mm']:g}", f"{c['angle_deg']:g}", str(c["n"])]
-            + [_outcome(c, "judged"), _outcome(c, "inserted"), *_own(c, cells), *_extra(c)]
-            + [str(c["faults"]), unlabelled, *_theirs(c["paper"])]
-        )
-    text = _table(header, rows)
-    if any(c["cell"] in _SIMULATED for c in cells):
-        text += (
-            "\n\nIn a simulated cell the trials of a combination are repeats of one trial, in an"
-            " emulated one almost so: their intervals tell nothing. The paper's are a real robot's."
-        )
-    return "\n\n".join([text, *marks(r.get("own") for r in cells)])
+    columns: Columns = {
+        "cell": itemgetter("cell"),
+        "reasoner": shown_name,
+        "hole y [mm]": lambda c: f"{c['hole_mm']:g}",
+        "angle [°]": lambda c: f"{c['angle_deg']:g}",
+        "n": itemgetter("n"),
+        **_JUDGED_AND_TRUE,
+        **_own(cells),
+        **_EXTRA,
+        "faults": itemgetter("faults"),
+        "no label": lambda c: c["n"] - c["inserted"]["n"],
+        **_THEIRS,
+    }
+    repeated = (
+        "In a simulated cell the trials of a combination are repeats of one trial, in an"
+        " emulated one almost so: their intervals tell nothing. The paper's are a real robot's."
+    )
+    told = [repeated] if any(c["cell"] in _SIMULATED for c in cells) else []
+    return marked(Table.of(cells, columns), cells, *told)
 
 
 def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
@@ -171,14 +186,14 @@ def table3(transitions: Sequence[Document], papers_reasoner: str) -> str:
         for origin, to in t["counts"].items():
             n = sum(to.values())
             shares = [f"{100 * to[f] / n:.1f}" for f in RECOVERABLE]
-            rows.append([t["peg"], shown_name(t), origin, *shares, str(n)])
+            rows.append([t["peg"], shown_name(t), origin, *shares, n])
     with_paper = {t["peg"]: t["paper"] for t in transitions if t["paper"] is not None}
     for peg, theirs in with_paper.items():
         for origin, to in theirs.items():
             shares = [f"{to[f]:.1f}" for f in RECOVERABLE]
-            rows.append([peg, f"paper: {papers_reasoner}", origin, *shares, "–"])
-    header = ["peg", "reasoner", "from", *(f"to {f}" for f in RECOVERABLE), "n"]
-    return _table(header, rows) if rows else "No execution was followed by a plan."
+            rows.append([peg, f"paper: {papers_reasoner}", origin, *shares, NONE])
+    head = ["peg", "reasoner", "from", *(f"to {f}" for f in RECOVERABLE), "n"]
+    return Table(head, rows).markdown() if rows else "No execution was followed by a plan."
 
 
 def pairs(rows: Sequence[Document]) -> str:
@@ -186,25 +201,24 @@ def pairs(rows: Sequence[Document]) -> str:
     cell, with what its numbers mean."""
     if not rows:
         return "Only one reasoner."
-    header = ["first − second", "peg", "condition", "n", "difference [points]"]
-    header += ["only first", "only second", "McNemar p"]
-    table = _table(
-        header,
-        (
-            [
-                f"{r.get('first_shown', r['first'])} − {r.get('second_shown', r['second'])}",
-                r["peg"] or "all",
-                r["condition"] or "all",
-                str(r["n"]),
-                f"{r['difference']:+.1f} [{r['low']:+.1f}, {r['high']:+.1f}]",
-                str(r["only_first"]),
-                str(r["only_second"]),
-                f"{r['p']:.2g}",
-            ]
-            for r in by_cell(rows)
+    columns: Columns = {
+        "first − second": versus,
+        "peg": lambda r: r["peg"] or "all",
+        "condition": lambda r: r["condition"] or "all",
+        "n": itemgetter("n"),
+        "difference [points]": lambda r: (
+            f"{r['difference']:+.1f} [{r['low']:+.1f}, {r['high']:+.1f}]"
         ),
-    )
-    return "\n\n".join([paired(rows), table])
+        "only first": itemgetter("only_first"),
+        "only second": itemgetter("only_second"),
+        "McNemar p": lambda r: f"{r['p']:.2g}",
+    }
+    return "\n\n".join([paired(rows), Table.of(by_cell(rows), columns).markdown()])
+
+
+def versus(row: Document) -> str:
+    """The two reasoners of a row of pairs."""
+    return f"{row.get('first_shown', row['first'])} − {row.get('second_shown', row['second'])}"
 
 
 def by_cell(rows: Sequence[Document]) -> list[Document]:
@@ -219,15 +233,13 @@ def paired(rows: Sequence[Document]) -> str:
     return " ".join([PAIRED, POOLED]) if several else PAIRED
 
 
-def _place(row: Document) -> tuple[Any, ...]:
-    return row["level"], row["peg"], row["condition"]
+_place = itemgetter("level", "peg", "condition")
 
 
 def depth(cells: Sequence[Document]) -> str:
     """A table of the share of trials that ended at least so deep."""
     names = list(dict.fromkeys(d for c in cells for d in c["depth"]))
-    header = ["peg", "condition", "reasoner", *(f"≥ {d} mm [%]" for d in names)]
-    return _table(header, ([*_who(c), *(_rate(c["depth"][d]) for d in names)] for c in cells))
+    return _shares(cells, "depth", {d: f"≥ {d} mm [%]" for d in names})
 
 
 def grasp_angle(cells: Sequence[Document]) -> str:
@@ -237,69 +249,73 @@ def grasp_angle(cells: Sequence[Document]) -> str:
         return "No cell draws the grasp angle."
     names = list(dict.fromkeys(b for c in drawn for b in c["grasp_angle"]))
     names.sort(key=lambda name: float(name.partition("–")[0]))
-    header = ["peg", "condition", "reasoner", *(f"{b}° [%]" for b in names)]
-    return _table(
-        header, ([*_who(c), *(_rate(c["grasp_angle"].get(b)) for b in names)] for c in drawn)
-    )
+    return _shares(drawn, "grasp_angle", {b: f"{b}° [%]" for b in names})
+
+
+def _shares(cells: Sequence[Document], what: str, names: Mapping[str, str]) -> str:
+    """A table of the rates that each cell holds of something, under these names."""
+    rows = [[*who(c), *(rate(c[what].get(part)) for part in names)] for c in cells]
+    return Table([*WHO, *names.values()], rows).markdown()
 
 
 def align(cells: Sequence[Document]) -> str:
     """A table of overshoot cycles, and of false acceptances of Align that end in a compression
     stop."""
-    header = ["peg", "condition", "reasoner", "overshoot cycles", "in trials", "accepted"]
-    header += ["falsely", "then compression stop"]
-    names = ("cycles", "trials_with_cycles", "accepted", "false", "stopped")
-    return _table(header, ([*_who(c), *(str(c["align"][n]) for n in names)] for c in cells))
+    columns: Columns = {
+        **WHO,
+        "overshoot cycles": lambda c: c["align"]["cycles"],
+        "in trials": lambda c: c["align"]["trials_with_cycles"],
+        "accepted": lambda c: c["align"]["accepted"],
+        "falsely": lambda c: c["align"]["false"],
+        "then compression stop": lambda c: c["align"]["stopped"],
+    }
+    return Table.of(cells, columns).markdown()
 
 
 def failure_kinds(cells: Sequence[Document]) -> str:
     """A table of how many trials failed in each way, for the cells that have any."""
-    failed = [c for c in cells if c["failure_kinds"]]
+    failed, kinds = failures(cells)
     if not failed:
         return "None."
-    kinds = [k for k in KINDS if any(k in c["failure_kinds"] for c in failed)]
-    header = ["peg", "condition", "reasoner", "n", *(k.replace("_", " ") for k in kinds)]
-    rows = (
-        [*_who(c), str(c["n"]), *(str(c["failure_kinds"].get(k, 0)) for k in kinds)] for c in failed
-    )
-    meanings = "\n".join(f"- {k.replace('_', ' ')}: {KINDS[k]}" for k in kinds)
-    return f"{_table(header, rows)}\n\n{meanings}"
+    rows = [[*who(c), c["n"], *(c["failure_kinds"].get(k, 0) for k in kinds)] for c in failed]
+    meanings = "\n".join(f"- {spoken}: {TRIAL_KINDS[kind]}" for kind, spoken in kinds.items())
+    return f"{Table([*WHO, 'n', *kinds.values()], rows).markdown()}\n\n{meanings}"
+
+
+def failures(cells: Sequence[Document]) -> tuple[list[Document], dict[str, str]]:
+    """The cells in which any trial failed, and the kinds of failure in them, each in words."""
+    failed = [c for c in cells if c["failure_kinds"]]
+    kinds = [k for k in TRIAL_KINDS if any(k in c["failure_kinds"] for c in failed)]
+    return failed, {kind: kind.replace("_", " ") for kind in kinds}
 
 
 def own(cells: Sequence[Document]) -> str:
     """A table of how many decisions were the model's own, and how often it inserts without the
     rules."""
-    header = ["peg", "condition", "reasoner", "n", "G [%]", "G alone [%]", "decisions", "own [%]"]
-    header += ["clamped", "by the rules", "tokens a trial", "USD a trial"]
-    rows = []
-    for c in cells:
-        share = c.get("own")
-        if share is not None:
-            cost = "–" if share["cost_usd"] is None else f"{share['cost_usd']:.4f}"
-            counts = [str(share[n]) for n in ("clamped", "fallbacks")]
-            rows.append(
-                [*_who(c), str(c["n"]), _rate(c["inserted"]), _rate(share["alone"])]
-                + [str(share["decisions"]), f"{share['own_percent']:.1f}", *counts]
-                + [f"{share['tokens']:.0f}", cost]
-            )
+    columns: Columns = {
+        **WHO,
+        "n": itemgetter("n"),
+        "G [%]": lambda c: rate(c["inserted"]),
+        "G alone [%]": lambda c: rate(c["own"]["alone"]),
+        "decisions": lambda c: c["own"]["decisions"],
+        "own [%]": lambda c: own_percent(c["own"]),
+        "clamped": lambda c: c["own"]["clamped"],
+        "by the rules": lambda c: c["own"]["fallbacks"],
+        "tokens a trial": lambda c: f"{c['own']['tokens']:.0f}",
+        "USD a trial": lambda c: number(c["own"]["cost_usd"], 4),
+    }
     meaning = (
         "G alone counts a trial in which a plan was clamped or the rules stepped in as failed."
     )
-    return "\n\n".join([_table(header, rows), meaning, *marks(r.get("own") for r in cells)])
+    return marked(Table.of([c for c in cells if c.get("own")], columns), cells, meaning)
 
 
-def _own_beside(rows: Sequence[Document]) -> list[str]:
-    """The header cells of a model's own share and of its success alone, where any row is a
-    model's."""
-    return ["own [%]", "G alone [%]"] if any(row.get("own") for row in rows) else []
+# --- what several tables show --------------------------------------------------------------------
 
 
-def _own(row: Document, rows: Sequence[Document]) -> list[str]:
-    """A row's cells under `_own_beside`."""
-    share = row.get("own")
-    if not _own_beside(rows):
-        return []
-    return ["–", "–"] if share is None else [f"{share['own_percent']:.1f}", _rate(share["alone"])]
+def marked(table: Table, rows: Iterable[Document], *told: str) -> str:
+    """A table, what is told of it, and what the marks of its names mean."""
+    return "\n\n".join([table.markdown(), *told, *marks(row.get("own") for row in rows)])
 
 
 def marks(shares: Iterable[Document | None]) -> list[str]:
@@ -322,15 +338,65 @@ def marks(shares: Iterable[Document | None]) -> list[str]:
 def shown_name(row: Document) -> str:
     """The name of a row's reasoner: marked where only some of the decisions were the model's."""
     model = f" ({row['model']})" if row.get("model") else ""
-    share = row.get("own")
-    mark = f" {PARTLY}" if is_partly(share) else ""
-    return name(row["reasoner"] + model, share) + mark
+    return marked_name(row["reasoner"] + model, row.get("own"))
 
 
-def _table4_section(placed: Sequence[Document]) -> list[str]:
-    if not placed:
+def marked_name(reasoner: str, share: Document | None) -> str:
+    """The name of a reasoner by its model's share of the decisions."""
+    return name(reasoner, share) + (f" {PARTLY}" if is_partly(share) else "")
+
+
+def peg(row: Document) -> str:
+    """A row's peg, with its level where that is not the paper's."""
+    return str(row["peg"] if row["level"] == "L0" else f"{row['peg']} {row['level']}")
+
+
+WHO: Columns = {"peg": peg, "condition": itemgetter("condition"), "reasoner": shown_name}
+"""The columns that say which cell a row is of."""
+
+
+def who(row: Document) -> list[object]:
+    """A row's cells under `WHO`."""
+    return [of(row) for of in WHO.values()]
+
+
+def own_percent(share: Document | None) -> str:
+    """A model's own share of the decisions."""
+    return NONE if share is None else f"{share['own_percent']:.1f}"
+
+
+def _own(rows: Sequence[Document]) -> Columns:
+    """Columns of a model's own share and of its success alone, where any row is a model's."""
+    if not any(row.get("own") for row in rows):
+        return {}
+    return {
+        "own [%]": lambda row: own_percent(row.get("own")),
+        "G alone [%]": lambda row: rate((row.get("own") or {}).get("alone")),
+    }
+
+
+def _faults(rows: Sequence[Document]) -> Columns:
+    """A column of faults, where any row has one."""
+    has_any = any(row.get("faults") for row in rows)
+    return {"faults": lambda row: row.get("faults", 0)} if has_any else {}
+
+
+def _faults_section(cells: Sequence[Document]) -> list[str]:
+    """A section on the trials in which nothing was measured, with what was said; empty where there
+    are none."""
+    if not _faults(cells):
         return []
-    return ["## Table IV: success by the place of the hole and the grasp angle", table4(placed)]
+    rows = [
+        [*who(c), said["n"], said["text"].replace("|", "\\|")]
+        for c in cells
+        for said in c.get("said", ())
+    ]
+    return [
+        "## Faults: trials in which nothing was measured",
+        Table([*WHO, "trials", "fault"], rows).markdown(),
+        "The command that made them repeats these and no others with `--again faults`, as long as"
+        " your own reasoner's and method's files are as they were.",
+    ]
 
 
 def _where(cells: Sequence[Document]) -> list[str]:
@@ -339,61 +405,48 @@ def _where(cells: Sequence[Document]) -> list[str]:
     return [_CELLS[kind] for kind in kinds if kind in _CELLS]
 
 
-def _extra(cell: Document) -> list[str]:
-    return [_number(cell["extra"][f], 2) for f in RECOVERABLE]
-
-
-def _faults_section(cells: Sequence[Document]) -> list[str]:
-    """A section on the trials in which nothing was measured, with what was said; empty where there
-    are none."""
-    if not _faults_beside(cells):
-        return []
-    header = ["peg", "condition", "reasoner", "trials", "fault"]
-    rows = [
-        [*_who(c), str(said["n"]), said["text"].replace("|", "\\|")]
-        for c in cells
-        for said in c.get("said", ())
-    ]
-    return [
-        "## Faults: trials in which nothing was measured",
-        _table(header, rows),
-        "The command that made them repeats these and no others with `--again faults`, as long as"
-        " your own reasoner's and method's files are as they were.",
-    ]
-
-
-def _faults_beside(rows: Sequence[Document]) -> list[str]:
-    """The header cell of a column of faults, where any row has one."""
-    return ["faults"] if any(row.get("faults") for row in rows) else []
-
-
-def _outcome(row: Document, name: str) -> str:
+def outcome(row: Document, name: str) -> str:
     """A row's rate, unless nothing but faults came of it."""
-    return "faults" if row.get("faults") and not row["n"] else _rate(row[name])
+    return "faults" if row.get("faults") and not row["n"] else rate(row[name])
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+def rate(found: Document | None) -> str:
+    """A rate in percent with its interval and n."""
+    return f"{interval(found)} of {found['n']}" if found and found["n"] else NONE
 
 
-def _theirs(paper: Document | None) -> list[str]:
+def interval(found: Document) -> str:
+    """A share in percent with its interval: "45.0 [40.2, 49.9]"."""
+    return f"{found['percent']:.1f} [{found['low']:.1f}, {found['high']:.1f}]"
+
+
+def number(value: float | None, digits: int) -> str:
+    return NONE if value is None else f"{value:.{digits}f}"
+
+
+def _extra(formation: str) -> Callable[[Document], str]:
+    return lambda cell: number(cell["extra"][formation], 2)
+
+
+_JUDGED_AND_TRUE: Columns = {
+    "F [%]": lambda cell: outcome(cell, "judged"),
+    "G [%]": lambda cell: outcome(cell, "inserted"),
+}
+_EXTRA: Columns = {str(formation): _extra(formation) for formation in RECOVERABLE}
+_THEIRS: Columns = {
+    "paper's F, G [%]": lambda cell: their_success(cell["paper"], with_n=True),
+    "paper's fit, align, insertion": lambda cell: their_extra(cell["paper"]),
+}
+
+
+def their_success(paper: Document | None, *, with_n: bool = False) -> str:
+    """The paper's F and G, where it gives them."""
     if paper is None:
-        return ["–", "–"]
-    success = f"{paper['judged']:g}, {paper['inserted']:g} (n {paper['n']})"
-    return [success, ", ".join(f"{v:.1f}" for v in paper["extra"].values()) or "–"]
+        return NONE
+    n = f" (n {paper['n']})" if with_n else ""
+    return f"{paper['judged']:g}, {paper['inserted']:g}{n}"
 
 
-def _who(cell: Document) -> list[str]:
-    level = "" if cell["level"] == "L0" else f" {cell['level']}"
-    return [cell["peg"] + level, cell["condition"], shown_name(cell)]
-
-
-def _rate(rate: Document | None) -> str:
-    if rate is None or rate["n"] == 0:
-        return "–"
-    return f"{rate['percent']:.1f} [{rate['low']:.1f}, {rate['high']:.1f}] of {rate['n']}"
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def their_extra(paper: Document | None) -> str:
+    """The paper's mean extra executions, where it gives them."""
+    return ", ".join(f"{v:.1f}" for v in paper["extra"].values()) or NONE if paper else NONE

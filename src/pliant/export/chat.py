@@ -6,31 +6,30 @@ assistant, whose content is a list of texts and of places of pictures, and the `
 """
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic_ai.messages import BinaryContent, UserContent
 
+from pliant import pictures
 from pliant.console import Told, untold
 from pliant.envelope import Limits
-from pliant.errors import InputError
-from pliant.export.labels import KINDS, Label, case_of, causes, correction, labels
+from pliant.experiment.success import KINDS
+from pliant.export.labels import Label, case_of, causes, correction, labels
 from pliant.export.output import (
-    CARD,
-    LinesBySplit,
-    filling,
-    front_matter,
+    SPLIT_RULE,
+    Lines,
+    in_paragraphs,
+    lines_matter,
     origin,
-    split_rule,
-    table,
+    write_lines,
 )
 from pliant.export.questions import place
-from pliant.export.source import TEST, TRAIN, Saved, Source, counts
+from pliant.export.source import Saved, Source, counts
 from pliant.formations import OWNED, RECOVERABLE, Formation
 from pliant.reasoners.vlm import plans, prompt
 from pliant.reasoners.vlm.reasoner import unasked
@@ -45,7 +44,8 @@ from pliant.reasoners.vlm.replies import (
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Recovery, Trial, Verdict
 from pliant.recovery import changes
-from pliant.store import PICTURES, load_trial, picture_name
+from pliant.store import PICTURES, load_trial
+from pliant.table import Table
 
 STAGES = ("judge", "analyse", "plan")
 _TOUCHING_M = 0.001  # a corner so near to the board's surface stands on it
@@ -75,20 +75,9 @@ def write(
     Raises:
         InputError: `out` holds something, a trial's record is broken, or no truth is known.
     """
-    with filling(out) as folder:
-        (folder / PICTURES).mkdir()
-        with ExitStack() as stack:
-            writer = _Writer(folder, stack, settings or Settings())
-            for n, saved in enumerate(source.saved, start=1):
-                writer.add(saved)
-                progress(n, len(source.saved))
-        found = writer.conversations()
-        if not any(found.values()):
-            raise InputError(
-                f"'{source.folder}' has no trial with a known truth, from which replies are made"
-            )
-        (folder / CARD).write_text(_card(source, writer), encoding="utf-8")
-    return found
+    add = partial(_add, settings or Settings())
+    card = partial(_card, source)
+    return write_lines(source, out, add, card, made="replies", progress=progress)
 
 
 def conversations(trial: Trial, settings: Settings) -> Iterator[tuple[Label, Conversation]]:
@@ -223,97 +212,69 @@ _NAMES = {"pose": "the pose check", "compression": "the compression check", "tab
 # --- the files -----------------------------------------------------------------------------------
 
 
-class _Writer:
-    """Writer of the files while trials are added."""
-
-    def __init__(self, folder: Path, stack: ExitStack, settings: Settings) -> None:
-        self._folder, self._settings = folder, settings
-        self._lines = LinesBySplit(folder, stack)
-        self.tally: Counter[tuple[str, str, str, str]] = Counter()  # split, method, stage, kind
-
-    def add(self, saved: Saved) -> None:
-        trial = load_trial(saved.folder)
-        for label, told in conversations(trial, self._settings):
-            images: list[str] = []
-            line = {
-                "messages": [
-                    {"role": "system", "content": [_text(told.system)]},
-                    {"role": "user", "content": [self._part(item, images) for item in told.user]},
-                    {"role": "assistant", "content": [_text(told.reply.model_dump_json())]},
-                ],
-                "images": images,
-                "stage": told.stage,
-                "kind": told.kind,
-                "method": trial.method,
-                "peg": trial.task.peg.name,
-                "formation": str(label.execution.formation),
-                "trial_id": trial.trial_id,
-                "seed": trial.seed,
-                "execution": label.execution.index,
-            }
-            self._lines.add(saved.split, line)
-            self.tally[saved.split, trial.method, told.stage, told.kind] += 1
-
-    def conversations(self) -> dict[str, int]:
-        return {
-            split: sum(n for (s, *_), n in self.tally.items() if s == split)
-            for split in (TRAIN, TEST)
+def _add(settings: Settings, lines: Lines, saved: Saved) -> None:
+    """Write a trial's conversations, and their pictures."""
+    trial = load_trial(saved.folder)
+    for label, told in conversations(trial, settings):
+        shown = [item for item in told.user if isinstance(item, BinaryContent)]
+        names = [f"{pictures.name_of(prompt.shown(item))}.png" for item in shown]
+        for name, item in zip(names, shown, strict=True):
+            if not (lines.pictures / name).exists():
+                (lines.pictures / name).write_bytes(item.data)
+        line = {
+            "messages": [
+                _message("system", told.system),
+                _message("user", *told.user),
+                _message("assistant", told.reply.model_dump_json()),
+            ],
+            "images": [f"{PICTURES}/{name}" for name in names],
+            "stage": told.stage,
+            "kind": told.kind,
+            "method": trial.method,
+            "peg": trial.task.peg.name,
+            "formation": str(label.execution.formation),
+            "trial_id": trial.trial_id,
+            "seed": trial.seed,
+            "execution": label.execution.index,
         }
-
-    def _part(self, item: UserContent, images: list[str]) -> Mapping[str, str]:
-        if not isinstance(item, BinaryContent):
-            return _text(str(item))
-        name = f"{PICTURES}/{picture_name(prompt.shown(item))}.png"
-        path = self._folder / name
-        if not path.exists():
-            path.write_bytes(item.data)
-        images.append(name)
-        return {"type": "image"}
+        lines.add(line, saved.split, trial.method, told.stage, told.kind)
 
 
-def _text(text: str) -> Mapping[str, str]:
-    return {"type": "text", "text": text}
+def _message(role: str, *content: UserContent) -> dict[str, Any]:
+    """A message in a line: its texts, and the places of its pictures."""
+    parts = [
+        {"type": "image"}
+        if isinstance(item, BinaryContent)
+        else {"type": "text", "text": str(item)}
+        for item in content
+    ]
+    return {"role": role, "content": parts}
 
 
-def _card(source: Source, writer: _Writer) -> str:
-    found, trials = writer.conversations(), counts(source.saved)
-    present = [split for split in (TRAIN, TEST) if found[split]]
-    rows = sorted({key[1:] for key in writer.tally}, key=lambda k: (k[0], STAGES.index(k[1]), k[2]))
-    lines = [
-        *front_matter("image-text-to-text", present),
+def _card(source: Source, lines: Lines) -> str:
+    found, trials, present = lines.totals(), counts(source.saved), lines.present()
+    rows = [[split, trials[split], found[split]] for split in present]
+    return in_paragraphs(
+        lines_matter("image-text-to-text", lines),
         "# Judge, analyse, plan: conversations about peg insertion",
-        "",
         "Each line is one request as pliant sends it to a model, word for word, with its pictures,"
         " and the reply that the simulation's truth gives, in the structure that pliant asks for.",
-        "",
         "## Origin",
-        "",
-        *origin(source),
-        "",
+        origin(source),
         "## Counts",
-        "",
-        *table(["split", "trials", "conversations"], [[s, trials[s], found[s]] for s in present]),
-        "",
-        split_rule(),
-        "",
-        *table(
-            ["method", "stage", "kind", *present],
-            [[*key, *(writer.tally[(split, *key)] for split in present)] for key in rows],
+        Table(["split", "trials", "conversations"], rows).markdown(),
+        SPLIT_RULE,
+        lines.kinds(
+            ["method", "stage", "kind"], lambda key: (key[0], STAGES.index(key[1]), key[2])
         ),
-        "",
-        *[f"- {kind}: {meaning}" for kind, meaning in KINDS.items()],
-        "",
+        "\n".join(f"- {kind}: {meaning}" for kind, meaning in KINDS.items()),
         "Successes outnumber failures, as they do in trials: weigh or choose. What was right to do"
         " is pliant's rules with the truth in place of every measurement: a good next step, not the"
         " only one. Nothing is withheld from the requests or corrupted in them: a model that is"
         " tuned on them alone may learn to read the checks and not to look.",
-        "",
         "## Fields",
-        "",
-        *table(["field", "meaning"], _FIELDS),
-        "",
-    ]
-    return "\n".join(lines)
+        Table(["field", "meaning"], _FIELDS).markdown(),
+    )
 
 
 _FIELDS = [

@@ -4,24 +4,23 @@ pictures, for training and testing models that judge, explain and correct."""
 import json
 import shutil
 from collections import Counter
-from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from pliant.console import Told, untold
-from pliant.errors import InputError
 from pliant.export.output import (
-    CARD,
-    LinesBySplit,
-    filling,
-    front_matter,
+    SPLIT_RULE,
+    Lines,
+    in_paragraphs,
+    lines_matter,
     origin,
-    split_rule,
-    table,
+    write_lines,
 )
 from pliant.export.questions import TYPES, asked, context
-from pliant.export.source import TEST, TRAIN, Saved, Source, counts
+from pliant.export.source import Saved, Source, counts
 from pliant.store import PICTURES, Pictures, load_trial
+from pliant.table import Table
 
 _CAMERA = "side"
 
@@ -33,35 +32,22 @@ def write(source: Source, out: Path, *, progress: Told = untold) -> dict[str, in
     Raises:
         InputError: `out` holds something, a trial's record is broken, or no truth is known.
     """
-    with filling(out) as folder:
-        (folder / PICTURES).mkdir()
-        with ExitStack() as stack:
-            writer = _Writer(folder, stack)
-            for n, saved in enumerate(source.saved, start=1):
-                writer.add(saved)
-                progress(n, len(source.saved))
-        found = writer.questions()
-        if not any(found.values()):
-            raise InputError(
-                f"'{source.folder}' has no trial with a known truth, from which answers are made"
-            )
-        (folder / CARD).write_text(_card(source, writer), encoding="utf-8")
-    return found
+    asker = _Asker()
+    card = partial(_card, source, asker)
+    return write_lines(source, out, asker.add, card, made="answers", progress=progress)
 
 
-class _Writer:
-    """Writer of the files while trials are added: train first, so that test can leave out what is
-    in it."""
+class _Asker:
+    """What was asked about already: train comes first, so that test can leave out what is in it."""
 
-    def __init__(self, folder: Path, stack: ExitStack) -> None:
-        self._folder, self._lines = folder, LinesBySplit(folder, stack)
+    def __init__(self) -> None:
         self._asked: set[str] = set()
         self._pictures: dict[str, str] = {}  # the split that each belongs to
-        self.tally: Counter[tuple[str, str, str]] = Counter()  # split, type, category
         self.executions: Counter[str] = Counter()
         self.repeated = self.leaked = 0
 
-    def add(self, saved: Saved) -> None:
+    def add(self, lines: Lines, saved: Saved) -> None:
+        """Write the questions about a trial, and their pictures."""
         trial = load_trial(saved.folder)
         for label, questions in asked(trial):
             image = label.execution.outcome.looks[-1].observation.views[_CAMERA].image
@@ -77,7 +63,7 @@ class _Writer:
                 continue
             self._asked.add(known)
             self.executions[saved.split] += 1
-            shutil.copyfile(picture, self._folder / PICTURES / picture.name)
+            shutil.copyfile(picture, lines.pictures / picture.name)
             for question in questions:
                 line = {
                     "id": f"{trial.trial_id}/{index}/{question.type}",
@@ -92,73 +78,40 @@ class _Writer:
                         "by": label.execution.verdict.by,
                     },
                 }
-                self._lines.add(saved.split, line)
-                self.tally[saved.split, question.type, question.category] += 1
-
-    def questions(self) -> dict[str, int]:
-        return {
-            split: sum(n for (s, _, _), n in self.tally.items() if s == split)
-            for split in (TRAIN, TEST)
-        }
+                lines.add(line, saved.split, question.type, question.category)
 
 
-def _card(source: Source, writer: _Writer) -> str:
-    trials, asked_in = counts(source.saved), writer.questions()
-    present = [split for split in (TRAIN, TEST) if asked_in[split]]
-    lines = [
-        *front_matter("visual-question-answering", present),
+def _card(source: Source, asker: _Asker, lines: Lines) -> str:
+    trials, found = counts(source.saved), lines.totals()
+    by_type: Counter[tuple[str, str]] = Counter()
+    for (split, kind, _), n in lines.tally.items():
+        by_type[split, kind] += n
+    rows = [
+        [s, trials[s], asker.executions[s], *(by_type[s, kind] for kind in TYPES), found[s]]
+        for s in lines.present()
+    ]
+    return in_paragraphs(
+        lines_matter("visual-question-answering", lines),
         "# Did it fail, how, where, why, and what now? Questions about peg insertion",
-        "",
         "One question a line, with the picture that a reasoner saw when the execution had ended,"
         " what else it knew, and an answer made from the simulation's truth.",
-        "",
         "## Origin",
-        "",
-        *origin(source),
-        "",
+        origin(source),
         "## Counts",
-        "",
         f"The run has {source.trials} trials, of which {len(source.saved)} were chosen that kept"
         " their record.",
-        "",
-        *table(
-            ["split", "trials", "executions asked about", *TYPES, "questions"],
-            [_row(writer, split, trials[split], asked_in[split]) for split in present],
-        ),
-        "",
-        split_rule() + f" {writer.leaked} questions of `test` were left out because their picture"
-        f" is in `train` (a first motion may look the same), and {writer.repeated} that repeat"
+        Table(["split", "trials", "executions asked about", *TYPES, "questions"], rows).markdown(),
+        f"{SPLIT_RULE} {asker.leaked} questions of `test` were left out because their picture"
+        f" is in `train` (a first motion may look the same), and {asker.repeated} that repeat"
         " another's picture and context.",
-        "",
         "How often each answer is right. Always giving the commonest answer is the baseline to"
         " beat; `detect` asks about successes too, and is not balanced.",
-        "",
-        *table(["type", "category", *present], _categories(writer, present)),
-        "",
+        lines.kinds(["type", "category"], lambda key: (TYPES.index(key[0]), key[1])),
         "## Fields",
-        "",
-        *table(["field", "meaning"], _FIELDS),
-        "",
+        Table(["field", "meaning"], _FIELDS).markdown(),
         "`correct` is answered by pliant's rules with the truth in place of every measurement: a"
         " good next step, not the only one.",
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def _row(writer: _Writer, split: str, trials: int, questions: int) -> list[object]:
-    by_type = [
-        sum(n for (s, t, _), n in writer.tally.items() if (s, t) == (split, kind)) for kind in TYPES
-    ]
-    return [split, trials, writer.executions[split], *by_type, questions]
-
-
-def _categories(writer: _Writer, present: list[str]) -> list[list[object]]:
-    pairs = sorted(
-        {(kind, category) for _, kind, category in writer.tally},
-        key=lambda pair: (TYPES.index(pair[0]), pair[1]),
     )
-    return [[t, c, *(writer.tally[split, t, c] for split in present)] for t, c in pairs]
 
 
 _FIELDS = [

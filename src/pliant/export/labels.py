@@ -4,28 +4,16 @@ right. Nothing here is known to a method."""
 import math
 from dataclasses import dataclass
 
-from pliant.cell import Stop, Truth
-from pliant.checks import TILT_TOLERANCE_DEG, half_hole, pose_check
+from pliant.cell import Truth
 from pliant.conditions import NOMINAL, Setup
 from pliant.experiment.oracle import Oracle
-from pliant.formations import Formation, Goals
+from pliant.experiment.success import KINDS, kind, succeeded
+from pliant.formations import Goals
 from pliant.levels import EDGES, load_level
 from pliant.methods.named import method
 from pliant.records import Case, Execution, Recovery, Trial, Verdict
-from pliant.task import Task
 from pliant.teaching import Teaching, shipped
 from pliant.vision.measure import SIMULATED
-
-_TOLERANCE_M = 0.001  # of the truth's own test whether the low edge is in the hole
-KINDS = {
-    "goal_missed": "Approach or Contact did not reach its goal",
-    "missed_edge": "outside the hole or astride its rim, and short of its centre (to its right)",
-    "overshot": "outside the hole or astride its rim, and beyond its centre (to its left)",
-    "tilted": "in the hole, and the peg leans more than 5 degrees after Align",
-    "compression_stop": "in the hole, and the compression limit ended the push",
-    "wedged": "in the hole, not deep enough, and not stopped by the compression limit",
-}
-"""Kinds of a failed execution. Fit comes from the right in the side picture (+y)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,16 +39,23 @@ class Label:
 
 
 def labels(trial: Trial) -> list[Label]:
-    """One label per execution whose truth was sampled."""
+    """One label per execution whose truth is known."""
     found = []
     goals = trial.goals
     for execution, truth in zip(trial.executions, trial.truths, strict=False):
         goals = goals.updated(execution.outcome.step)
-        inside = _inside(truth, trial.task)
-        success = _succeeded(execution, truth, inside)
-        kind = None if success else _kind(execution, truth, inside)
+        if truth.fit is None:  # nobody measured where the peg was
+            continue
+        judged = trial.task, execution.outcome, truth
+        success = succeeded(*judged)
         found.append(
-            Label(execution=execution, truth=truth, goals=goals, success=success, kind=kind)
+            Label(
+                execution=execution,
+                truth=truth,
+                goals=goals,
+                success=success,
+                kind=None if success else kind(*judged),
+            )
         )
     return found
 
@@ -112,33 +107,3 @@ def causes(trial: Trial) -> list[str]:
     if abs(setup.friction - NOMINAL["friction"]) >= 0.05:
         words.append(f"the board's friction is {setup.friction:.1f} times the nominal")
     return words
-
-
-def _inside(truth: Truth, task: Task) -> bool:
-    """Whether the peg's low edge is in the hole, and the other stands on neither rim."""
-    width = task.peg.half_extents[1] * math.cos(truth.tilt_rad)
-    room = half_hole(task) + _TOLERANCE_M - abs(truth.tip[1] - truth.hole_y)
-    return bool(truth.fit) and width <= room
-
-
-def _succeeded(execution: Execution, truth: Truth, inside: bool) -> bool:
-    """Whether an execution succeeded, by the truth. Approach and Contact: the goal was reached.
-    Fit: the peg is in the hole. Align: that, and it stands within Table I's 5 degrees. Insertion:
-    the paper's criterion."""
-    formation = execution.formation
-    if formation in (Formation.APPROACH, Formation.CONTACT):
-        return bool(pose_check(execution.outcome).vote)
-    if formation is Formation.INSERTION:
-        return bool(truth.inserted)
-    upright = abs(math.degrees(truth.tilt_rad)) <= TILT_TOLERANCE_DEG
-    return inside and (formation is Formation.FIT or upright)
-
-
-def _kind(execution: Execution, truth: Truth, inside: bool) -> str:
-    if execution.formation in (Formation.APPROACH, Formation.CONTACT):
-        return "goal_missed"
-    if not inside:
-        return "missed_edge" if truth.tip[1] > truth.hole_y else "overshot"
-    if execution.formation is Formation.ALIGN:
-        return "tilted"
-    return "compression_stop" if execution.outcome.stop is Stop.COMPRESSION else "wedged"

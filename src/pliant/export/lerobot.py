@@ -24,14 +24,15 @@ from pliant import signals
 from pliant.console import Told, untold
 from pliant.errors import InputError, unknown
 from pliant.experiment.columns import EXECUTIONS, TRIALS, schema
+from pliant.experiment.film import Reel
 from pliant.experiment.rows import Row
 from pliant.export import lerobot_card as card
-from pliant.export.film import Reel
 from pliant.export.lerobot_episode import Episode, EpisodeJob, episode, features
 from pliant.export.lerobot_stats import Stats, merged, of_values
 from pliant.export.output import CARD, filling
 from pliant.export.source import TEST, TRAIN, Source, counts, replayable
 from pliant.export.track import check_rate
+from pliant.files import write_json
 from pliant.formations import Formation
 from pliant.sim.render import CAMERAS
 
@@ -193,8 +194,8 @@ class _Writer:
         _write_names(folder / "meta/subtasks.parquet", "subtask", subtasks)
         stats = {name: merged([part[name] for part in self._stats]) for name in self._stats[0]}
         listed = {f: {name: v.tolist() for name, v in s.items()} for f, s in stats.items()}
-        _write_json(folder / "meta/stats.json", listed)
-        _write_json(folder / "meta/info.json", self._info(splits))
+        write_json(folder / "meta/stats.json", listed, indent=4)
+        write_json(folder / "meta/info.json", self._info(splits), indent=4)
 
     def _info(self, splits: dict[str, int]) -> dict[str, Any]:
         train, every = splits[TRAIN], len(self._rows)
@@ -364,7 +365,3 @@ def _pandas_column(
         "numpy_type": numpy_type,
         "metadata": metadata,
     }
-
-
-def _write_json(path: Path, document: dict[str, Any]) -> None:
-    path.write_text(json.dumps(document, indent=4) + "\n", encoding="utf-8")

@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Mapping
 
-from pliant.export.labels import KINDS
-from pliant.export.output import LICENCE, origin, split_rule, table
+from pliant.experiment.success import KINDS
+from pliant.export.output import SPLIT_RULE, front_matter, in_paragraphs, origin
 from pliant.export.source import Saved, Source, counts
 from pliant.formations import Formation
+from pliant.table import Table
 from pliant.text import markdown
 
 
@@ -22,72 +23,38 @@ def text(
     labels mean."""
     splits = counts(chosen)
     left_out = len(source.saved) - len(chosen)
-    lines = [
-        "---",
-        f"license: {LICENCE}",
-        "task_categories:",
-        "- robotics",
-        "tags:",
-        "- LeRobot",
-        "- peg-in-hole",
-        "- failure-recovery",
-        "configs:",
-        "- config_name: default",
-        "  data_files: data/*/*.parquet",
-        "---",
-        "",
+    rows = [[s, n, tally["frames", s], tally["retries", s]] for s, n in splits.items()]
+    return in_paragraphs(
+        front_matter("robotics", ["LeRobot"], " data/*/*.parquet"),
         "# Peg insertion with a soft wrist: successes, failures and recoveries",
-        "",
         f"A LeRobot data set (v3.0) at {fps} frames a second. One episode is one trial; failed and"
         " retried executions are in it, and labelled.",
-        "",
         "## Origin",
-        "",
-        *origin(source),
-        "",
+        origin(source),
         "## Counts",
-        "",
         f"The run has {source.trials} trials, of which {len(source.saved)} were chosen that kept"
         f" their record; {len(chosen)} are here"
         + (f", {left_out} without a motion to replay are not." if left_out else "."),
-        "",
-        *table(
-            ["split", "episodes", "frames", "retried executions"],
-            [[s, n, tally["frames", s], tally["retries", s]] for s, n in splits.items()],
-        ),
-        "",
-        split_rule() + " `train` comes first, as LeRobot's ranges want it.",
-        "",
-        *_counted("how the trial ended, from the truth", "trials", tally),
-        "",
-        *_counted("execution, from the truth", "executions", tally),
-        "",
+        Table(["split", "episodes", "frames", "retried executions"], rows).markdown(),
+        f"{SPLIT_RULE} `train` comes first, as LeRobot's ranges want it.",
+        _counted("how the trial ended, from the truth", "trials", tally),
+        _counted("execution, from the truth", "executions", tally),
         "## Features",
-        "",
         "Poses are of the wrist's hinge point in the task frame: origin at the nominal hole's"
         " centre on the board's surface, z up; metres and radians, Rz(yaw) Ry(pitch) Rx(roll).",
-        "",
-        *table(["feature", "meaning"], _FEATURES),
-        "",
+        Table(["feature", "meaning"], _FEATURES).markdown(),
         "Sub-tasks are the five contact formations (`meta/subtasks.parquet`):",
-        "",
-        *[f"{n}. {words}" for n, words in enumerate(subtasks.values())],
-        "",
+        "\n".join(f"{n}. {words}" for n, words in enumerate(subtasks.values())),
         "`meta/episodes` has, besides LeRobot's columns, the trial's labels under `trial/`: seed,"
         " split, peg, condition, reasoner, `inserted` (truth), `judged`, `failure_kind`,"
         " `end_reason`, and what was drawn. `meta/executions.parquet` has one row per execution"
         " with its frames [`frame_from`, `frame_to`) of the episode: goal, checks, verdict, what,"
         " why and how, the plan, and the truth.",
-        "",
         "Kinds of a failed execution:",
-        "",
-        *[f"- `{kind}`: {meaning}" for kind, meaning in KINDS.items()],
-        "",
+        "\n".join(f"- `{kind}`: {meaning}" for kind, meaning in KINDS.items()),
         "The pictures are drawn again from the stored motion, with the robot's meshes a little"
         " coarser than in the pictures that the reasoner saw.",
-        "",
-    ]
-    return "\n".join(lines)
+    )
 
 
 _FEATURES = [
@@ -104,6 +71,6 @@ _FEATURES = [
 ]
 
 
-def _counted(what: str, key: str, tally: Counter[tuple[str, str]]) -> list[str]:
+def _counted(what: str, key: str, tally: Counter[tuple[str, str]]) -> str:
     found = sorted((name, n) for (kind, name), n in tally.items() if kind == key)
-    return table([what, key], [[markdown(name), n] for name, n in found])
+    return Table([what, key], [[markdown(name), n] for name, n in found]).markdown()

@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.errors import InputError
+from pliant.experiment import film
+from pliant.experiment.columns import axis_field
 from pliant.experiment.rows import Row, rows_of
-from pliant.export import film
 from pliant.export.labels import Label, labels
 from pliant.export.lerobot_stats import Stats, of_pictures, of_values
 from pliant.export.source import Saved
 from pliant.export.track import Track, track
 from pliant.formations import Formation
+from pliant.pictures import Picture
 from pliant.pose import Axis
 from pliant.records import Trial
 from pliant.sim import constants as c
@@ -27,7 +29,7 @@ from pliant.sim.cell import Trajectory
 from pliant.store import load_trial
 from pliant.task import Task
 
-_POSE = [f"{axis}_rad" if axis.is_angle else f"{axis}_m" for axis in Axis]
+_POSE = [axis_field(axis) for axis in Axis]
 _SAMPLED = 20  # pictures of an episode that its statistics are taken from, each thinned by 4 x 4
 
 
@@ -112,7 +114,7 @@ def episode(job: EpisodeJob) -> Episode:
     for camera in job.cameras:
         key = f"observation.images.{camera}"
         sample = _Sample(len(sampled))
-        films[key] = film.encoded(sample.of(film.drawn(drawing, camera)), job.fps)
+        films[key] = film.encoded(sample.of(film.Drawn(drawing, camera)), job.fps)
         stats[key] = of_pictures(sample.kept)
     return Episode(
         saved=job.saved,
@@ -194,9 +196,9 @@ class _Sample:
 
     def __init__(self, passing: int) -> None:
         self._wanted = set(np.linspace(0, passing - 1, min(_SAMPLED, passing)).astype(int).tolist())
-        self.kept: list[film.Picture] = []
+        self.kept: list[Picture] = []
 
-    def of(self, pictures: Iterable[film.Picture]) -> Iterator[film.Picture]:
+    def of(self, pictures: Iterable[Picture]) -> Iterator[Picture]:
         for n, picture in enumerate(pictures):
             if n in self._wanted:
                 self.kept.append(picture[::4, ::4].copy())

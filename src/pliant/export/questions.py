@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pliant.export.labels import KINDS, Label, causes, correction, labels, setup_of
+from pliant.experiment.success import KINDS
+from pliant.export.labels import Label, causes, correction, labels, setup_of
 from pliant.formations import Formation
 from pliant.pose import Axis, Partial, describe
 from pliant.records import Execution, Recovery, Trial
+from pliant.text import rounded
 
 TYPES = ("detect", "identify", "locate", "explain", "correct")
 CENTRED_M = 0.0005  # [m] closer than this, the peg is over the hole's centre
@@ -64,7 +66,7 @@ def context(trial: Trial, label: Label) -> dict[str, Any]:
 
 def report(goal: Partial) -> dict[str, float]:
     """A goal or a pose in millimetres and degrees, the unit in each axis's name."""
-    return {f"{a}_{a.report_unit}": round(a.to_report(v), 3) + 0.0 for a, v in goal.items()}
+    return {f"{a}_{a.report_unit}": rounded(a.to_report(v), 3) for a, v in goal.items()}
 
 
 def _earlier(execution: Execution) -> dict[str, Any]:
@@ -177,14 +179,15 @@ def _correct(label: Label, plan: Recovery) -> TextQuestion:
 
 
 _MEANING = {
-    Formation.APPROACH: "It succeeds when the goal pose is reached.",
-    Formation.CONTACT: "It succeeds when the goal pose is reached.",
-    Formation.FIT: "It succeeds when the peg's low edge is in the hole and the other on no rim.",
-    Formation.ALIGN: "It succeeds when the peg is in the hole and leans at most 5 degrees.",
+    Formation.APPROACH: "It succeeds when the goal pose is reached and the peg hangs free.",
+    Formation.CONTACT: "It succeeds when the peg presses on the board.",
+    Formation.FIT: "It succeeds when the peg's low edge is in the hole and the other off its rim.",
+    Formation.ALIGN: "It succeeds when both of the peg's low edges are in the hole and it leans at"
+    " most 5 degrees.",
     Formation.INSERTION: "It succeeds when the peg is at least 10 mm deep in the hole.",
 }
 _BECAUSE = {
-    "goal_missed": "The goal pose was not reached",
+    "goal_missed": "The peg did not come to where the formation takes it",
     "missed_edge": "The motion ended before the peg could drop into the hole",
     "overshot": "The motion carried the peg past the hole",
     "tilted": "The peg is in the hole but does not stand upright",

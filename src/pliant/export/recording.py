@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant import folders, pictures
+from pliant import files, pictures
 from pliant.errors import InputError, installing
-from pliant.export import film
+from pliant.experiment import film
 from pliant.export.labels import Label, labels
 from pliant.export.output import check_new, origin
 from pliant.export.solids import solids
@@ -51,16 +51,11 @@ def write(source: Source, out: Path, *, fps: int) -> str:
     saved = replayable(source)[0]
     trial = load_trial(saved.folder)
     sampled = track(trial, replay.load(saved.folder), fps)
-    try:
-        with folders.whole(out) as partial:
-            recording = rr.RecordingStream("pliant", recording_id=trial.trial_id)
-            recording.save(str(partial), default_blueprint=_blueprint())
-            _Log(rr, recording, trial, sampled, fps).everything(source)
-            recording.disconnect()
-    except OSError as error:
-        raise InputError(
-            f"'{out}' cannot be written: {error.strerror or error}; choose another file"
-        ) from error
+    with files.whole(out, "choose another file") as partial:
+        recording = rr.RecordingStream("pliant", recording_id=trial.trial_id)
+        recording.save(str(partial), default_blueprint=_blueprint())
+        _Log(rr, recording, trial, sampled, fps).everything(source)
+        recording.disconnect()
     return trial.trial_id
 
 
@@ -74,9 +69,7 @@ class _Log:
 
     def everything(self, source: Source) -> None:
         self._recording.send_recording_name(self._trial.trial_id)
-        self._document(
-            "about", "\n".join([f"# {markdown(self._trial.trial_id)}", "", *origin(source)])
-        )
+        self._document("about", f"# {markdown(self._trial.trial_id)}\n\n{origin(source)}")
         self._cell()
         self._film()
         self._plots()
@@ -135,7 +128,7 @@ class _Log:
         )
         drawing = replay.Replay(self._trial.task, self._track.trajectory)
         with closing(drawing.cameras):
-            movie = film.encoded(film.drawn(drawing, _CAMERA), self._fps)
+            movie = film.encoded(film.Drawn(drawing, _CAMERA), self._fps)
         video = rr.AssetVideo(contents=movie, media_type="video/mp4")
         self._still(f"{path}/film", video)
         stamps = video.read_frame_timestamps_nanos()
@@ -184,11 +177,10 @@ class _Log:
 def _lines(execution: Execution, label: Label | None) -> Iterator[tuple[str, str]]:
     """A verdict in words, each line with its level in the log."""
     step, verdict = execution.outcome.step, execution.verdict
-    retreat = " after a retreat" if step.retreat else ""
     judged = "success" if verdict.success else "failure"
-    name = f"{execution.index + 1} {str(step.formation).capitalize()}"
+    name = f"{execution.index + 1} {str(step).capitalize()}"
     level = "INFO" if verdict.success else "WARN"
-    yield level, f"{name} to {describe(step.goal)}{retreat}: {judged} ({verdict.reason})"
+    yield level, f"{name}: {judged} ({verdict.reason})"
     yield "DEBUG", f"   ended at {describe(_shown(execution.outcome.pose))}"
     if execution.recovery is not None:
         analysis = execution.recovery.analysis

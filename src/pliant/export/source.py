@@ -15,7 +15,7 @@ from pliant.experiment.rows import Row
 from pliant.sim.replay import FILE as TRAJECTORY
 from pliant.store import MOST_JSON, RUN, TRIAL, trial_folder
 
-TRAIN, TEST = "train", "test"
+SPLITS = TRAIN, TEST = "train", "test"
 HELD_OUT = 5  # every fifth seed
 
 
@@ -111,7 +111,7 @@ def replayable(source: Source) -> tuple[Saved, ...]:
 def counts(trials: tuple[Saved, ...]) -> dict[str, int]:
     """The number of trials in each split."""
     counted = Counter(s.split for s in trials)
-    return {split: counted[split] for split in (TRAIN, TEST)}
+    return {split: counted[split] for split in SPLITS}
 
 
 def splits(rows: Sequence[Row]) -> list[str]:

@@ -5,7 +5,14 @@ from pliant.files.document import Document, Fields, Place
 from pliant.files.findings import checked
 from pliant.files.reading import parse_yaml, read_yaml
 from pliant.files.scalars import shortened
-from pliant.files.writing import write_bytes, write_text, yaml_text, yaml_value
+from pliant.files.writing import (
+    whole,
+    write_bytes,
+    write_json,
+    write_text,
+    yaml_text,
+    yaml_value,
+)
 
 __all__ = [
     "Document",
@@ -15,7 +22,9 @@ __all__ = [
     "parse_yaml",
     "read_yaml",
     "shortened",
+    "whole",
     "write_bytes",
+    "write_json",
     "write_text",
     "yaml_text",
     "yaml_value",

@@ -1,6 +1,9 @@
 """Writes a file whole or not at all, and YAML that is read back the same."""
 
+import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +45,22 @@ def yaml_value(value: Any) -> str:
     return str(text).removesuffix("\n").removesuffix("\n...")
 
 
+@contextmanager
+def whole(path: Path, advice: str = "choose another folder") -> Iterator[Path]:
+    """A new file to write, which becomes `path` when the block ends well, as `folders.whole`.
+
+    Raises:
+        InputError: it cannot be written; it says `advice`.
+    """
+    try:
+        with folders.whole(path) as partial:
+            yield partial
+    except OSError as error:
+        raise InputError(
+            f"'{path}' cannot be written: {error.strerror or error}; {advice}"
+        ) from error
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a whole file or none, making its folder. A file that was there keeps its mode; a link
     is replaced, and not followed.
@@ -49,13 +68,13 @@ def write_bytes(path: Path, content: bytes) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    try:
-        with folders.whole(path) as partial:
-            partial.write_bytes(content)
-    except OSError as error:
-        raise InputError(
-            f"'{path}' cannot be written: {error.strerror}; choose another folder"
-        ) from error
+    with whole(path) as partial:
+        partial.write_bytes(content)
+
+
+def write_json(path: Path, document: Any, indent: int = 1) -> None:
+    """Write plain data as JSON in lines, as `write_bytes` does."""
+    write_bytes(path, (json.dumps(document, indent=indent) + "\n").encode())
 
 
 def write_text(path: Path, text: str) -> None:

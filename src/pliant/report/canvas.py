@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]  # (height, width, 3) RGB
+from pliant.pictures import Picture
+
 Colour = tuple[int, int, int]
 Point = tuple[float, float]  # column, row [px]
 
@@ -32,10 +32,11 @@ def lines(
     *,
     width: int = 2,
     closed: bool = True,
+    rim: bool = True,
 ) -> None:
-    """Draw a line through points."""
+    """Draw a line through points, on a dark rim unless it is drawn without."""
     shifted = np.array([[_fixed(u), _fixed(v)] for u, v in points], np.int32)
-    for c, w in ((DARK, width + _RIM), (colour, width)):
+    for c, w in [(DARK, width + _RIM)] * rim + [(colour, width)]:
         cv2.polylines(picture, [shifted], closed, c, w, cv2.LINE_AA, _BITS)
 
 
@@ -62,8 +63,7 @@ def tick(
         else [[(u - h, v - h), (u + h, v + h)], [(u - h, v + h), (u + h, v - h)]]
     )
     for stroke in strokes:
-        shifted = np.array([[_fixed(a), _fixed(b)] for a, b in stroke], np.int32)
-        cv2.polylines(picture, [shifted], False, colour, 3, cv2.LINE_AA, _BITS)
+        lines(picture, stroke, colour, width=3, closed=False, rim=False)
 
 
 def text(

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from pliant.cell import Stop, Truth
 from pliant.formations import OWNED
+from pliant.html import Html, join, tag
 from pliant.pose import Axis
 from pliant.records import Aborted, Check, Evidence, Execution, Verdict
 from pliant.repeats import repeats
 from pliant.report import words
-from pliant.report.html import Html, join, tag
-from pliant.report.parts import badge, facts, notice, outcome, section, table, truth_box
+from pliant.report.parts import badge, facts, notice, outcome, scrolled, section, truth_box
 from pliant.report.plan import probes, recovery
 from pliant.report.transcript import transcript
 from pliant.store import Pictures
@@ -163,7 +163,7 @@ def _poses(execution: Execution) -> Html:
         f"Shaded: the axes that {execution.formation} owns. Commanded: the last motion's end, after"
         " the envelope."
     )
-    return table(head, body, caption)
+    return scrolled(head, body, caption)
 
 
 def _motions(execution: Execution) -> Html:
@@ -181,7 +181,7 @@ def _motions(execution: Execution) -> Html:
 
 
 def _checks(evidence: Evidence) -> Html:
-    return table(
+    return scrolled(
         ["check", "success?", "message"],
         [_check(c) for c in evidence.checks],
         "* added by pliant. What each check asks: Words on this page, at the top.",

@@ -6,7 +6,7 @@ Every chart says in words what it shows, for those who cannot see it.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pliant.report.html import Html, tag
+from pliant.html import Html, tag
 
 _WIDTH, _ROW, _MARGIN = 170, 13, 6  # [px] of a bar chart, of a bar, and left and right of it
 

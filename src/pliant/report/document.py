@@ -10,7 +10,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
-from pliant.report.html import Html, embedded, tag
+from pliant.html import Html, embedded, tag
 
 LIBRARY = ("uPlot.iife.min.js", "uPlot.min.css", "uPlot.LICENSE")
 ASSETS = "assets"

@@ -6,10 +6,10 @@ from contextlib import suppress
 
 from pliant.conditions import CONDITIONS
 from pliant.errors import InputError
+from pliant.html import Html, join, tag
 from pliant.levels import load_level
 from pliant.records import Trial
 from pliant.report import words
-from pliant.report.html import Html, join, tag
 from pliant.report.parts import section
 
 _CHECKS = (

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from pliant.cell import View
-from pliant.report.canvas import WHITE, Colour, Picture, Point, cross, dot, lines, text
+from pliant.pictures import Picture
+from pliant.report.canvas import WHITE, Colour, Point, cross, dot, lines, text
 from pliant.task import Task
 from pliant.vision.scene import HoleSeen, PegSeen, Scene
 

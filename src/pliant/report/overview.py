@@ -7,11 +7,11 @@ from collections.abc import Collection, Sequence
 
 from pliant.experiment.measures import Row, inserted
 from pliant.experiment.measures import rate as rated
+from pliant.html import Html, join, tag
 from pliant.report import overview_tables as tables
 from pliant.report import words
 from pliant.report.charts import Bar, Bin, histogram
 from pliant.report.document import document
-from pliant.report.html import Html, join, tag
 from pliant.report.overview_data import data, heading, in_report, quantities, varying
 from pliant.report.parts import chapter, facts, notice
 from pliant.report.summary import Summary

@@ -10,8 +10,9 @@ from urllib.parse import quote
 from pliant.conditions import CONDITIONS
 from pliant.errors import InputError
 from pliant.experiment import faults
-from pliant.experiment.columns import KINDS, TRIALS
-from pliant.experiment.measures import Row, inserted
+from pliant.experiment.columns import TRIALS
+from pliant.experiment.measures import Row, inserted, names
+from pliant.experiment.success import TRIAL_KINDS
 from pliant.levels import FIELDS, shipped_levels
 from pliant.pose import Axis
 from pliant.report import words
@@ -19,7 +20,7 @@ from pliant.report.summary import Names, Summary
 from pliant.report.trial import PAGE
 from pliant.store import TRIALS as FOLDER
 from pliant.task import load_task, shipped_pegs
-from pliant.text import visible
+from pliant.text import rounded, visible
 
 _NAMES = ("level", "peg", "condition", "reasoner")
 _DRAWN = "drawn_"
@@ -38,7 +39,7 @@ def quantities() -> dict[str, Axis | None]:
 
 def in_report(axis: Axis | None, value: float) -> float:
     """A drawn value in the unit in which it is shown, as exactly as the list of trials holds it."""
-    return round(value if axis is None else axis.to_report(value), 3) + 0.0
+    return rounded(value if axis is None else axis.to_report(value), 3)
 
 
 def varying(trials: Sequence[Row]) -> dict[str, Axis | None]:
@@ -60,14 +61,14 @@ def heading(column: str) -> str:
 def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
     """The data that the page's script reads. `pages` has the id of each trial with a page."""
     trials = summary.trials
-    cells = list(dict.fromkeys(map(_names, trials)))
-    place = {names: n for n, names in enumerate(cells)}
-    models = {_names(t): t["model"] for t in trials}
+    cells = list(dict.fromkeys(map(names, trials)))
+    place = {of: n for n, of in enumerate(cells)}
+    models = {names(t): t["model"] for t in trials}
     ends = list(dict.fromkeys(map(faults.told, trials)))
     places = {text: n for n, text in enumerate(ends)}
-    kinds = list(KINDS)
+    kinds = list(TRIAL_KINDS)
     columns: dict[str, Sequence[Any]] = {
-        "cell": [place[_names(t)] for t in trials],
+        "cell": [place[names(t)] for t in trials],
         "seed": [t["seed"] for t in trials],
         "judged": [int(t["judged"]) for t in trials],
         "inserted": [_truth(t) for t in trials],
@@ -87,11 +88,11 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
     return {
         "cells": [
             {
-                **dict(zip(_NAMES, map(visible, names), strict=True)),
-                "model": visible(models[names] or ""),
-                "command": visible(command(names, summary.cells.get(names))),
+                **dict(zip(_NAMES, map(visible, of), strict=True)),
+                "model": visible(models[of] or ""),
+                "command": visible(command(of, summary.cells.get(of))),
             }
-            for names in cells
+            for of in cells
         ],
         "ends": [visible(end) for end in ends],
         "kinds": [kind.replace("_", " ") for kind in kinds],
@@ -106,10 +107,10 @@ def data(summary: Summary, pages: Collection[str]) -> dict[str, Any]:
     }
 
 
-def command(names: Names, cell: Mapping[str, Any] | None) -> str:
+def command(of: Names, cell: Mapping[str, Any] | None) -> str:
     """A command that runs and shows one trial of a cell, with SEED for its seed. `cell` is its
     configuration."""
-    level, peg, condition, reasoner = names
+    level, peg, condition, reasoner = of
     settings = (cell or {}).get("vlm")
     options = ["--peg", _peg(peg, level, cell), *_condition(condition, cell)]
     if settings:
@@ -157,10 +158,6 @@ def _condition(condition: str, cell: Mapping[str, Any] | None) -> list[str]:
 def _listed(peg: Mapping[str, Any]) -> dict[str, Any]:
     """A peg as it is after JSON, which has no tuples."""
     return {**peg, "outline": [list(corner) for corner in peg["outline"]]}
-
-
-def _names(trial: Row) -> Names:
-    return trial["level"], trial["peg"], trial["condition"], trial["reasoner"]
 
 
 def _truth(trial: Row) -> int | None:

@@ -2,25 +2,36 @@
 its trials."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from operator import itemgetter
 from urllib.parse import urlencode
 
-from pliant.experiment.columns import KINDS
-from pliant.experiment.statistics import wilson
-from pliant.experiment.tables_text import by_cell, marks, paired, shown_name
+from pliant.experiment import tables_text as texts
+from pliant.experiment.measures import rate as rated
+from pliant.experiment.success import TRIAL_KINDS
+from pliant.experiment.tables_text import (
+    WHO,
+    Columns,
+    Document,
+    by_cell,
+    marks,
+    number,
+    paired,
+    peg,
+    shown_name,
+    versus,
+    who,
+)
 from pliant.formations import RECOVERABLE
+from pliant.html import Html, join, tag
 from pliant.report import words
 from pliant.report.charts import Bar, bars, difference
-from pliant.report.html import Html, join, tag
 from pliant.report.parts import table
-
-Document = Mapping[str, Any]
-_OWN = ("own [%]", "G alone [%]")
+from pliant.table import Table
 
 
-def link(shown: str, **wanted: object) -> Html:
+def link(shown: object, **wanted: object) -> Html:
     """A link to the list of trials, narrowed to those wanted."""
-    return tag("a", shown, href=address(**wanted))
+    return tag("a", str(shown), href=address(**wanted))
 
 
 def address(**wanted: object) -> str:
@@ -35,59 +46,58 @@ def place(cell: Document) -> dict[str, object]:
 
 def table2(cells: Sequence[Document]) -> Html:
     """Table II: success judged (F) and true (G), and average extra executions."""
-    head = ["peg", "condition", "reasoner", "n", "failed", "F over G", "F [%]", "G [%]"]
-    has_model = any(cell.get("own") for cell in cells)
-    head += [*(_OWN if has_model else ()), "paper's F, G", "extra fit, align, insertion", "paper's"]
+    columns: Columns = {
+        **WHO,
+        "n": _counted,
+        "failed": _failed,
+        "F over G": _f_over_g,
+        "F [%]": lambda cell: outcome(cell, "judged"),
+        "G [%]": lambda cell: outcome(cell, "inserted"),
+    }
+    if any(cell.get("own") for cell in cells):
+        columns["own [%]"] = lambda cell: texts.own_percent(cell.get("own"))
+        columns["G alone [%]"] = lambda cell: rate(cell["own"]["alone"]) if cell["own"] else "–"
+    columns |= {
+        "paper's F, G": lambda cell: texts.their_success(cell["paper"]),
+        "extra fit, align, insertion": lambda cell: ", ".join(
+            number(cell["extra"][formation], 2) for formation in RECOVERABLE
+        ),
+        "paper's": lambda cell: texts.their_extra(cell["paper"]),
+    }
     caption = (
         "F: judged inserted. G: truly inserted. n: trials in which the method was measured; faults"
         " are in no rate, and a trial that the cell ended counts as not inserted. Whiskers and"
         " brackets: 95 % Wilson interval. Diamonds: the paper's, whose reasoner is GPT-4o."
     )
-    rows = [_table2_row(cell, has_model=has_model) for cell in cells]
-    return table(head, rows, " ".join([caption, *marks(c.get("own") for c in cells)]))
+    plain = {*WHO, "F over G", "paper's F, G"}
+    caption = " ".join([caption, *marks(c.get("own") for c in cells)])
+    return table(Table.of(cells, columns), caption, numbers=columns.keys() - plain)
 
 
-def _table2_row(cell: Document, *, has_model: bool) -> Html:
-    judged, true, theirs = cell["judged"], cell["inserted"], cell["paper"]
-    shown = bars(
-        [
-            _bar(judged, theirs and theirs["judged"], "judged"),
-            _bar(true, theirs and theirs["inserted"], "success"),
-        ],
-        f"F {outcome(cell, 'judged')}, G {outcome(cell, 'inserted')}",
-    )
-    averages = [cell["extra"][f] for f in RECOVERABLE]
-    extra = ", ".join("–" if a is None else f"{a:.2f}" for a in averages)
-    papers_extra = ", ".join(f"{v:.1f}" for v in theirs["extra"].values()) if theirs else ""
-    failed = true["n"] - true["successes"]
-    failures = (
-        [link(str(failed), **place(cell), outcome="failed")] if failed else [tag("span", "0")]
-    )
-    if cell["disagreed"]:
-        failures.append(link(f"{cell['disagreed']} F≠G", **place(cell), outcome="disagreed"))
-    counted = link(str(cell["n"]), **place(cell))
-    if cell["faults"]:
-        words = "1 fault" if cell["faults"] == 1 else f"{cell['faults']} faults"
-        counted = join(counted, " ", link(words, **place(cell), outcome="faults"))
-    return tag(
-        "tr",
-        *(tag("td", text) for text in who(cell)),
-        tag("td", counted, class_="number"),
-        tag("td", _spaced(failures), class_="number"),
-        tag("td", shown),
-        tag("td", outcome(cell, "judged"), class_="number"),
-        tag("td", outcome(cell, "inserted"), class_="number"),
-        *(tag("td", text, class_="number") for text in _own(cell) if has_model),
-        tag("td", f"{theirs['judged']:g}, {theirs['inserted']:g}" if theirs else "–"),
-        tag("td", extra, class_="number"),
-        tag("td", papers_extra or "–", class_="number"),
-    )
+def _counted(cell: Document) -> Html:
+    counted = link(cell["n"], **place(cell))
+    if not cell["faults"]:
+        return counted
+    said = "1 fault" if cell["faults"] == 1 else f"{cell['faults']} faults"
+    return join(counted, " ", link(said, **place(cell), outcome="faults"))
 
 
-def _own(cell: Document) -> tuple[str, str]:
-    """A cell's texts for the columns `_OWN`."""
-    share = cell.get("own")
-    return ("–", "–") if share is None else (f"{share['own_percent']:.1f}", rate(share["alone"]))
+def _failed(cell: Document) -> Html:
+    failed = cell["inserted"]["n"] - cell["inserted"]["successes"]
+    shown = link(failed, **place(cell), outcome="failed") if failed else tag("span", "0")
+    if not cell["disagreed"]:
+        return join(shown, " ")
+    disagreed = link(f"{cell['disagreed']} F≠G", **place(cell), outcome="disagreed")
+    return join(shown, " ", disagreed, " ")
+
+
+def _f_over_g(cell: Document) -> Html:
+    theirs = cell["paper"] or {}
+    shown = [
+        _bar(cell["judged"], theirs.get("judged"), "judged"),
+        _bar(cell["inserted"], theirs.get("inserted"), "success"),
+    ]
+    return bars(shown, f"F {outcome(cell, 'judged')}, G {outcome(cell, 'inserted')}")
 
 
 def table3(transitions: Sequence[Document]) -> Html:
@@ -95,144 +105,141 @@ def table3(transitions: Sequence[Document]) -> Html:
     if not transitions:
         return tag("p", "No execution was followed by a plan.")
     rows = [
-        _table3_row(entry, origin, to)
+        [
+            peg(entry),
+            link(shown_name(entry), **{name: entry[name] for name in ("level", "peg", "reasoner")}),
+            origin,
+            sum(to.values()),
+            *_shares(to, (entry["paper"] or {}).get(origin, {})),
+        ]
         for entry in transitions
         for origin, to in entry["counts"].items()
     ]
     head = ["peg", "reasoner", "from", "n", *(f"to {f} [%]" for f in RECOVERABLE)]
     caption = "Over all conditions. Diamonds: the paper's, which gives the circle's."
-    return table(head, rows, caption)
+    return table(Table(head, rows), caption, numbers={"n"})
 
 
-def _table3_row(entry: Document, origin: str, to: Mapping[str, int]) -> Html:
-    n = sum(to.values())
-    theirs = (entry["paper"] or {}).get(origin, {})
+def _shares(to: Mapping[str, int], theirs: Mapping[str, float]) -> list[Html]:
+    """The share of the plans that began with each formation, as a bar and in words."""
     cells = []
     for formation in RECOVERABLE:
-        interval = wilson(to[formation], n)
-        percent, paper = 100 * to[formation] / n, theirs.get(formation)
-        beside = "" if paper is None else f"; paper {paper:g}"
-        text = f"{percent:.1f} [{100 * interval.low:.1f}, {100 * interval.high:.1f}]{beside}"
-        bar = Bar(percent=percent, low=100 * interval.low, high=100 * interval.high, paper=paper)
-        cells.append(tag("td", bars([bar], text), tag("div", text, class_="number")))
-    narrowed = {name: entry[name] for name in ("level", "peg", "reasoner")}
-    return tag(
-        "tr",
-        tag("td", _peg(entry)),
-        tag("td", link(shown_name(entry), **narrowed)),
-        tag("td", origin),
-        tag("td", str(n), class_="number"),
-        *cells,
-    )
+        found = rated([True] * to[formation] + [False] * (sum(to.values()) - to[formation]))
+        paper = theirs.get(formation)
+        text = texts.interval(found) + ("" if paper is None else f"; paper {paper:g}")
+        drawn = bars([_bar(found, paper, "success")], text)
+        cells.append(join(drawn, tag("div", text, class_="number")))
+    return cells
 
 
 def kinds(cells: Sequence[Document]) -> Html:
     """A table of how many trials failed in which way, in the cells where any did."""
-    failed = [cell for cell in cells if cell["failure_kinds"]]
+    failed, names = texts.failures(cells)
     if not failed:
         return tag("p", "No trial failed.")
-    names = [kind for kind in KINDS if any(kind in cell["failure_kinds"] for cell in failed)]
-    rows = []
-    for cell in failed:
-        counts = [
-            tag("td", _kind(cell, kind, cell["failure_kinds"].get(kind, 0))) for kind in names
+    rows = [
+        [
+            *who(cell),
+            cell["n"] + cell["faults"],
+            *(_kind(cell, kind, cell["failure_kinds"].get(kind, 0)) for kind in names),
         ]
-        n = tag("td", str(cell["n"] + cell["faults"]), class_="number")
-        rows.append(tag("tr", *(tag("td", text) for text in who(cell)), n, *counts))
-    meanings = [tag("div", tag("dt", _spoken(kind)), tag("dd", KINDS[kind])) for kind in names]
-    head = ["peg", "condition", "reasoner", "trials", *map(_spoken, names)]
+        for cell in failed
+    ]
+    meanings = [
+        tag("div", tag("dt", spoken), tag("dd", TRIAL_KINDS[kind]))
+        for kind, spoken in names.items()
+    ]
     caption = "Decided from the truth after each execution. Bars: the share of the cell's trials."
-    return join(table(head, rows, caption), tag("dl", *meanings, class_="meanings"))
+    shown = table(Table([*WHO, "trials", *names.values()], rows), caption, numbers={"trials"})
+    return join(shown, tag("dl", *meanings, class_="meanings"))
 
 
 def _kind(cell: Document, kind: str, count: int) -> Html:
     if not count:
         return tag("span", "–", class_="hint")
     n = cell["n"] + cell["faults"]
-    described = f"{count} of {n}"
     bar = Bar(percent=100 * count / n, kind="failure")
-    return join(bars([bar], described), link(str(count), **place(cell), kind=kind))
+    return join(bars([bar], f"{count} of {n}"), link(count, **place(cell), kind=kind))
 
 
 def own(cells: Sequence[Document]) -> Html:
     """A table of how many decisions were a model's own, its success without the rules, and what it
     cost."""
-    head = ["peg", "condition", "reasoner", "n", "G over G alone", "G [%]", "G alone [%]"]
-    head += ["decisions", "own [%]", "clamped", "by the rules", "tokens a trial", "USD a trial"]
-    rows = []
-    for cell in cells:
-        share, true = cell["own"], cell["inserted"]
-        alone = share["alone"]
-        described = f"G {rate(true)}, alone {rate(alone)}"
-        cost = "not known" if share["cost_usd"] is None else f"{share['cost_usd']:.4f}"
-        texts = [rate(true), rate(alone), f"{share['decisions']}", f"{share['own_percent']:.1f}"]
-        texts += [f"{share['clamped']}", f"{share['fallbacks']}", f"{share['tokens']:,.0f}", cost]
-        chart = bars([_bar(true, None, "success"), _bar(alone, None, "judged")], described)
-        rows.append(
-            tag(
-                "tr",
-                *(tag("td", text) for text in (*who(cell), str(cell["n"]))),
-                tag("td", chart),
-                *(tag("td", text, class_="number") for text in texts),
-            )
-        )
+    plain: Columns = {
+        **WHO,
+        "n": itemgetter("n"),
+        "G over G alone": lambda cell: bars(
+            [_bar(cell["inserted"], None, "success"), _bar(cell["own"]["alone"], None, "judged")],
+            f"G {rate(cell['inserted'])}, alone {rate(cell['own']['alone'])}",
+        ),
+    }
+    numbers: Columns = {
+        "G [%]": lambda cell: rate(cell["inserted"]),
+        "G alone [%]": lambda cell: rate(cell["own"]["alone"]),
+        "decisions": lambda cell: cell["own"]["decisions"],
+        "own [%]": lambda cell: texts.own_percent(cell["own"]),
+        "clamped": lambda cell: cell["own"]["clamped"],
+        "by the rules": lambda cell: cell["own"]["fallbacks"],
+        "tokens a trial": lambda cell: f"{cell['own']['tokens']:,.0f}",
+        "USD a trial": lambda cell: _cost(cell["own"]["cost_usd"]),
+    }
     caption = (
         "G alone counts a trial in which a plan was clamped, or the rules stepped in, as failed."
         " Own: the share of the decisions that the model was asked for and that stood."
     )
-    return table(head, rows, " ".join([caption, *marks(c.get("own") for c in cells)]))
+    caption = " ".join([caption, *marks(c.get("own") for c in cells)])
+    return table(Table.of(cells, {**plain, **numbers}), caption, numbers=numbers)
+
+
+def _cost(usd: float | None) -> str:
+    return "not known" if usd is None else f"{usd:.4f}"
 
 
 def pairs(rows: Sequence[Document]) -> Html:
     """A table of every two reasoners on the same seeds: all cells together, then cell by cell."""
     if not rows:
         return tag("p", "Only one reasoner: nothing to compare.")
-    head = ["first − second", "peg", "condition", "n", "", "difference [points]"]
-    head += ["only first", "only second", "McNemar p"]
+    columns: Columns = {
+        "first − second": versus,
+        "peg": lambda row: peg(row) if row["peg"] else "all",
+        "condition": lambda row: row["condition"] or "all",
+        "n": itemgetter("n"),
+        "": lambda row: difference(row["difference"], row["low"], row["high"], _points(row)),
+        "difference [points]": _points,
+        "only first": lambda row: _only(row, "first", "second"),
+        "only second": lambda row: _only(row, "second", "first"),
+        "McNemar p": lambda row: f"{row['p']:.2g}",
+    }
     caption = (
         f"{paired(rows)} With its 95 % interval (Newcombe); right of the middle the first is"
         " better. Only: trials that one inserted and the other did not."
     )
-    return table(head, [_pair(row) for row in by_cell(rows)], caption)
+    numbers = columns.keys() - {"first − second", "peg", "condition", ""}
+    return table(Table.of(by_cell(rows), columns), caption, numbers=numbers)
 
 
-def _pair(row: Document) -> Html:
+def _points(row: Document) -> str:
+    value, low, high = (words.number(row[n], sign=True) for n in ("difference", "low", "high"))
+    return f"{value} [{low}, {high}]"
+
+
+def _only(row: Document, winner: str, loser: str) -> str:
+    """The trials that only one of the two inserted, where the other failed."""
+    count = row[f"only_{winner}"]
+    if not count:
+        return "0"
     where = {name: row[name] for name in ("level", "peg", "condition") if row[name]}
-    text = f"{_signed(row['difference'])} [{_signed(row['low'])}, {_signed(row['high'])}]"
-    chart = difference(row["difference"], row["low"], row["high"], text)
-
-    def only(count: int, winner: str, loser: str) -> Html:
-        if not count:
-            return tag("td", "0", class_="number")
-        shown = link(str(count), **where, reasoner=loser, outcome="failed", against=winner)
-        return tag("td", shown, class_="number")
-
-    return tag(
-        "tr",
-        tag(
-            "td",
-            f"{row.get('first_shown', row['first'])} − {row.get('second_shown', row['second'])}",
-        ),
-        tag("td", _peg(row) if row["peg"] else "all"),
-        tag("td", row["condition"] or "all"),
-        tag("td", str(row["n"]), class_="number"),
-        tag("td", chart),
-        tag("td", text, class_="number"),
-        only(row["only_first"], row["first"], row["second"]),
-        only(row["only_second"], row["second"], row["first"]),
-        tag("td", f"{row['p']:.2g}", class_="number"),
-    )
+    return link(count, **where, reasoner=row[loser], outcome="failed", against=row[winner])
 
 
 def faults(cells: Sequence[Document]) -> Html:
     """A table of the trials in which nothing was measured, with what was said of them."""
     rows = [
-        tag(
-            "tr",
-            *(tag("td", text) for text in who(cell)),
-            tag("td", link(str(said["n"]), **place(cell), outcome="faults"), class_="number"),
-            tag("td", said["text"]),
-        )
+        [
+            *who(cell),
+            link(said["n"], **place(cell), outcome="faults"),
+            said["text"],
+        ]
         for cell in cells
         for said in cell["said"]
     ]
@@ -240,7 +247,7 @@ def faults(cells: Sequence[Document]) -> Html:
         "Trials in which nothing was measured. The command that made them repeats these and no"
         " others with --again faults."
     )
-    return table(["peg", "condition", "reasoner", "trials", "fault"], rows, caption)
+    return table(Table([*WHO, "trials", "fault"], rows), caption, numbers={"trials"})
 
 
 def outcome(cell: Document, name: str) -> str:
@@ -250,33 +257,10 @@ def outcome(cell: Document, name: str) -> str:
 
 def rate(found: Document) -> str:
     """A share with its interval: "45.0 [40.2, 49.9]"."""
-    if not found["n"]:
-        return "not known"
-    return f"{found['percent']:.1f} [{found['low']:.1f}, {found['high']:.1f}]"
-
-
-def who(cell: Document) -> list[str]:
-    """A cell's peg, condition and reasoner."""
-    return [_peg(cell), cell["condition"], shown_name(cell)]
-
-
-def _peg(cell: Document) -> str:
-    return cell["peg"] if cell["level"] == "L0" else f"{cell['peg']} {cell['level']}"
+    return texts.interval(found) if found["n"] else "not known"
 
 
 def _bar(found: Document, paper: float | None, kind: str) -> Bar:
     return Bar(
         percent=found["percent"], low=found["low"], high=found["high"], paper=paper, kind=kind
     )
-
-
-def _spaced(parts: Sequence[Html]) -> Html:
-    return join(*(piece for part in parts for piece in (part, " ")))
-
-
-def _spoken(kind: str) -> str:
-    return kind.replace("_", " ")
-
-
-def _signed(value: float) -> str:
-    return words.number(value, sign=True)

@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from pliant.conditions import NOMINAL, PAPER_RANGES
 from pliant.experiment.faults import is_unmeasured
 from pliant.experiment.rows import decided, exchanges, trial_row
+from pliant.html import Html, join, tag
 from pliant.records import Trial
 from pliant.repeats import of_which
 from pliant.report import timeline, words
 from pliant.report.card import Media, aborted, card
 from pliant.report.document import document
-from pliant.report.html import Html, join, tag
 from pliant.report.legend import legend
 from pliant.report.parts import badge, chapter, facts, notice, outcome, truth_box
 from pliant.report.video import Span
@@ -40,7 +40,7 @@ def render(
     )
     return document(
         title,
-        _way_back(home),
+        tag("nav", tag("a", "← the experiment", href=home), aria_label="Up") if home else Html(""),
         _headline(trial, title),
         legend(trial),
         _strip(trial, media),
@@ -52,12 +52,6 @@ def render(
         stamp=stamp,
         library=library,
     )
-
-
-def _way_back(home: str | None) -> Html:
-    if home is None:
-        return Html("")
-    return tag("nav", tag("a", "← the experiment", href=home), aria_label="Up")
 
 
 def _believed(trial: Trial) -> list[tuple[str, str]]:
@@ -117,16 +111,15 @@ def _model_calls(trial: Trial) -> list[tuple[str, str]]:
     """Facts about the model's calls: their number and cost, and how often the rules answered in its
     place."""
     row = trial_row(trial)
-    calls = [call for execution in trial.executions for call in exchanges(execution)]
     if not row["decisions"]:
         return []
-    costs = [x.cost_usd for x in calls if x.cost_usd is not None]
-    tokens = sum(x.tokens for x in calls)
+    calls = [call for execution in trial.executions for call in exchanges(execution)]
+    cost = row["cost_usd"]
     return [
         ("model calls", f"{len(calls)}, {sum(bool(x.refused) for x in calls)} not used"),
-        ("tokens", f"{tokens:,}"),
-        ("waited for the model", f"{words.number(sum(x.latency_s for x in calls))} s"),
-        ("cost", f"{sum(costs):.4f} USD" if costs else "not known"),
+        ("tokens", f"{row['tokens']:,}"),
+        ("waited for the model", f"{words.number(row['latency_s'])} s"),
+        ("cost", "not known" if cost is None else f"{cost:.4f} USD"),
         ("decided by the model", f"{row['own']} of {row['decisions']}"),
         ("decided by the rules instead", f"{row['fallbacks']} of {row['decisions']}"),
         ("plans clamped", str(row["clamped"])),

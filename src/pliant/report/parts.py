@@ -1,8 +1,10 @@
 """The small parts that pages share: badges, facts, tables, notices."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from pliant.report.html import Html, tag
+from pliant.html import Html, tag
+from pliant.html import text as as_text
+from pliant.table import Table
 
 
 def outcome(success: bool) -> str:
@@ -40,7 +42,23 @@ def truth_box(pairs: Sequence[tuple[str, str]]) -> Html:
     return tag("aside", title, facts(pairs), class_="truth")
 
 
-def table(head: Sequence[str], rows: Sequence[Html], caption: str) -> Html:
+def table(shown: Table, caption: str, *, numbers: Collection[str] = ()) -> Html:
+    """A table of texts and markup, with numbers in the columns so named."""
+    classes = ["number" if name in numbers else None for name in shown.head]
+    rows = [
+        tag(
+            "tr",
+            *(
+                tag("td", as_text(cell), class_=kind)
+                for cell, kind in zip(row, classes, strict=True)
+            ),
+        )
+        for row in shown.rows
+    ]
+    return scrolled(shown.head, rows, caption)
+
+
+def scrolled(head: Sequence[str], rows: Sequence[Html], caption: str) -> Html:
     """A table that scrolls sideways, by keys too, where it is wider than the page."""
     columns = (tag("th", name, scope="col") for name in head)
     return tag(

@@ -4,12 +4,13 @@ admitted to what was commanded."""
 from collections.abc import Sequence
 
 from pliant.formations import OWNED, Step
+from pliant.html import Html, join, tag
 from pliant.records import Execution, FailureAnalysis, Probed, Recovery
 from pliant.report import words
-from pliant.report.html import Html, join, tag
 from pliant.report.parts import facts, notice, section, table
 from pliant.report.transcript import thumbnails, transcript
 from pliant.store import Pictures
+from pliant.table import Table
 
 
 def probes(found: Sequence[Probed], pictures: Pictures) -> Html:
@@ -106,11 +107,11 @@ def _steps(executions: Sequence[Execution], index: int) -> Html:
     if found.clamped is None:
         del columns[1], head[1]
     rows = [
-        tag("tr", *(tag("td", column[n] if n < len(column) else "–") for column in columns))
+        [column[n] if n < len(column) else "–" for column in columns]
         for n in range(max(map(len, columns)))
     ]
     caption = "Proposed, what of it may be done, and the goal that the robot was then given."
-    return table(head, rows, caption)
+    return table(Table(head, rows), caption)
 
 
 def _commanded(executions: Sequence[Execution], index: int, admitted: Sequence[Step]) -> list[str]:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from pliant.pictures import Picture
 from pliant.records import Execution
-from pliant.report.canvas import Picture, text, text_width, tick, verdict_colour
+from pliant.report.canvas import text, text_width, tick, verdict_colour
 
 _ROW = 8  # most snapshots side by side
 _TILE = 240  # [px] side of a snapshot
@@ -43,13 +44,8 @@ def _tile(execution: Execution) -> Picture:
     left = (_TILE - text_width(name, _WORDS) - 26) / 2
     tick(tile, (left + 8, _HEADER / 2), success, size=13)
     text(tile, name, (left + 26, _HEADER / 2 + 8), scale=_WORDS)
-    side = (_TILE, _TILE)
-    tile[_HEADER:] = cv2.resize(
-        snapshot(execution)[_crop(execution)], side, interpolation=cv2.INTER_AREA
-    )
+    shown = snapshot(execution)
+    if shown.shape[:2] == (480, 640):
+        shown = shown[_CROP]
+    tile[_HEADER:] = cv2.resize(shown, (_TILE, _TILE), interpolation=cv2.INTER_AREA)
     return tile
-
-
-def _crop(execution: Execution) -> tuple[slice, slice]:
-    height, width = snapshot(execution).shape[:2]
-    return _CROP if (height, width) == (480, 640) else (slice(0, height), slice(0, width))

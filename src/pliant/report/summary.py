@@ -10,7 +10,7 @@ from typing import Any
 
 from pliant.errors import InputError
 from pliant.experiment import growth, journal, results, tables
-from pliant.experiment.measures import Row
+from pliant.experiment.measures import Row, names
 from pliant.records import SCHEMA
 from pliant.store import RUN
 
@@ -54,8 +54,8 @@ def read(folder: Path) -> Summary:
     if not offsets:
         raise InputError(f"'{folder}' holds no finished trial yet: look again when one has ended")
     rows = list(journal.rows_at(path, iter(offsets)))
-    places = {names: n for n, names in enumerate(map(growth.names, run["configuration"]["cells"]))}
-    rows.sort(key=lambda r: (places.get(_names_of(r.trial), len(places)), r.trial["seed"]))
+    places = {cell: n for n, cell in enumerate(map(growth.names, run["configuration"]["cells"]))}
+    rows.sort(key=lambda r: (places.get(names(r.trial), len(places)), r.trial["seed"]))
     with TemporaryDirectory() as derived:
         results.write_rows(Path(derived), rows)
         return _read(Path(derived), run)
@@ -89,7 +89,3 @@ def _run(folder: Path) -> Document:
             " `pliant run`"
         ) from error
     return run
-
-
-def _names_of(trial: Row) -> Names:
-    return trial["level"], trial["peg"], trial["condition"], trial["reasoner"]

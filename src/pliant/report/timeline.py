@@ -2,17 +2,18 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import astuple
 from typing import Any
 
 from pliant.cell import Motion
 from pliant.checks import POSE_TOLERANCE_M, POSE_TOLERANCE_RAD
 from pliant.envelope import Limits
 from pliant.formations import OWNED
+from pliant.html import Html, join, tag
 from pliant.pose import Axis
 from pliant.records import Execution, Trial
 from pliant.repeats import repeats
 from pliant.report import words
-from pliant.report.html import Html, join, tag
 from pliant.report.parts import outcome
 from pliant.report.video import Span
 
@@ -90,7 +91,7 @@ def data(trial: Trial, spans: Sequence[Span] | None) -> dict[str, Any]:
                 "name": str(execution.formation).capitalize(),
                 "success": execution.verdict.success,
                 "time": [_number(t, 3) for t in robot],
-                "video": _video(spans[execution.index]) if spans else None,
+                "video": [*astuple(spans[execution.index])] if spans else None,
                 "goal": {a: _report(a, execution.outcome.target[a]) for a in SHOWN},
                 "owned": list(OWNED[execution.formation]),
             }
@@ -158,10 +159,6 @@ def _reached(execution: Execution, of: str) -> str:
     axis = Axis(of)
     goal, came = words.in_units(axis, result.target[axis]), words.in_units(axis, result.pose[axis])
     return f"goal {goal}, reached {came}"
-
-
-def _video(span: Span) -> list[float]:
-    return [span.begins, span.judged, span.ends]
 
 
 def _report(axis: Axis, value: float) -> float | None:

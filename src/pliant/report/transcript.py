@@ -4,9 +4,9 @@ what became of them. A model's words are data, and shown as text."""
 from collections.abc import Sequence
 
 from pliant.cell import Image
+from pliant.html import Html, tag
 from pliant.records import Exchange
 from pliant.report import words
-from pliant.report.html import Html, tag
 from pliant.store import PICTURES, Pictures
 
 

@@ -7,6 +7,8 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
+import cv2
+
 from pliant import folders, pictures
 from pliant.conditions import CONDITIONS, NOMINAL
 from pliant.console import Told, untold
@@ -28,13 +30,16 @@ from pliant.store import (
     TRIALS,
     Pictures,
     save_trial,
-    write_jpeg,
 )
 from pliant.task import load_task
 from pliant.teaching import Teaching
 
 PAGE, STRIP, VIDEO, OVERLAYS = "index.html", "strip.png", "video.mp4", "overlays"
 
+_FINE = (
+    *(cv2.IMWRITE_JPEG_QUALITY, 88),
+    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
+)
 _HEAD = 1000  # [characters] of a page in which its stamp is
 
 
@@ -58,7 +63,8 @@ def write(
             f"no video can be made of trial '{trial.trial_id}': it has no trajectory, which only"
             " simulated trials have"
         )
-    _clear(folder)
+    for name in (PAGE, STRIP, VIDEO, replay.FILE):  # of another trial
+        _remove(folder / name)
     save_trial(folder, trial)
     if trajectory is not None:
         replay.save(folder, trajectory)
@@ -87,10 +93,10 @@ def show(
     shared = _shared(folder)
     write_library(folder / shared)
     goals = _goal_overlays(folder, shared, teaching) if teaching is not None else {}
-    pictures = Pictures(folder / PICTURES)
+    shown = Pictures(folder / PICTURES)
     media = [
         Media(
-            snapshot=f"{PICTURES}/{pictures.path(strip.snapshot(execution)).name}",
+            snapshot=f"{PICTURES}/{shown.path(strip.snapshot(execution)).name}",
             overlay=_overlay(folder, trial, execution),
             goal=goals.get(execution.formation),
             filmed=spans is not None,
@@ -101,7 +107,7 @@ def show(
     text = page.render(
         trial,
         media,
-        pictures,
+        shown,
         video=None if spans is None else VIDEO,
         spans=spans,
         library=shared,
@@ -195,7 +201,7 @@ def _overlay(folder: Path, trial: Trial, execution: Execution) -> str:
     outcome = execution.outcome
     view = outcome.looks[-1].observation.views["side"]
     name = f"{OVERLAYS}/{execution.index + 1:02d}-{execution.formation}.jpg"
-    write_jpeg(folder / name, overlay.draw(view, outcome.scene, trial.task))
+    _write_drawn(folder / name, overlay.draw(view, outcome.scene, trial.task))
     return name
 
 
@@ -208,15 +214,13 @@ def _goal_overlays(folder: Path, shared: str, teaching: Teaching) -> Mapping[For
         path = folder / names[formation]
         if not path.is_file():
             drawn = overlay.draw(shown.view, teaching.scenes[formation], load_task(shown.peg))
-            write_jpeg(path, drawn)
+            _write_drawn(path, drawn)
     return names
 
 
-def _clear(folder: Path) -> None:
-    """Remove from a trial's folder what `write` wrote before of another trial and may not write
-    now."""
-    for name in (PAGE, STRIP, VIDEO, replay.FILE):
-        _remove(folder / name)
+def _write_drawn(path: Path, picture: pictures.Picture) -> None:
+    """Write a drawn-on picture, which need not be kept to the bit."""
+    write_bytes(path, pictures.encoded(picture, "jpg", _FINE))
 
 
 def _drop_overlays(folder: Path, kept: set[str]) -> None:

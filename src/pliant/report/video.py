@@ -4,24 +4,22 @@ other over a caption; H.264 at 25 frames a second, which browsers play."""
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
-import av
 import numpy as np
-from av.video.reformatter import Colorspace
 from numpy.typing import NDArray
 
 from pliant import folders
 from pliant.console import Told, untold
 from pliant.errors import InputError
+from pliant.experiment import film
+from pliant.pictures import Picture
 from pliant.pose import describe
 from pliant.records import Execution, Trial
 from pliant.report.canvas import (
     DARK,
     NEUTRAL,
     Colour,
-    Picture,
     shortened,
     text,
     text_width,
@@ -35,7 +33,7 @@ FRAMES_PER_S = 25
 CAPTION = 64  # [px] height of the caption
 
 _CAMERAS = ("side", "wide")
-_UNMOVED = 3e-4  # [rad, m] no joint further than this from its last picture: drawn already
+_CODING = {"preset": "superfast", "crf": "22"}
 _DRAWN_EVERY = 2  # of the trajectory's samples, at least: drawing takes longer than encoding
 _MOST_DRAWN = 150  # moments of a trial; a longer one is drawn at fewer per second
 _HOLD_SUCCESS, _HOLD_FAILURE, _HOLD_END = 15, 45, 50  # frames that a verdict stands to be read
@@ -78,7 +76,7 @@ def write(
     replay = Replay(trial.task, trajectory)
     try:
         with folders.whole(path) as partial:
-            _encode(partial, _frames(replay, trial, shots, progress))
+            film.write(partial, _frames(replay, trial, shots, progress), FRAMES_PER_S, _CODING)
     except OSError as error:
         raise InputError(f"the video '{path}' cannot be written: {error.strerror}") from error
     finally:
@@ -90,7 +88,11 @@ def storyboard(trial: Trial, trajectory: Trajectory) -> list[Shot]:
     shots: list[Shot] = []
     done = 0
     for execution in trial.executions:
-        end = int(np.searchsorted(trajectory.time_s, _judged_at(execution), side="right"))
+        end = int(
+            np.searchsorted(
+                trajectory.time_s, execution.outcome.looks[-1].observation.time_s, side="right"
+            )
+        )
         shots += [Shot(sample=s, execution=execution, judged=False) for s in range(done, end)]
         success = execution.verdict.success
         still = Shot(sample=max(0, end - 1), execution=execution, judged=True)
@@ -121,15 +123,11 @@ def spans(shots: Sequence[Shot]) -> list[Span]:
     ]
 
 
-def _judged_at(execution: Execution) -> float:
-    return execution.outcome.looks[-1].observation.time_s
-
-
 def _frames(
     replay: Replay, trial: Trial, shots: Sequence[Shot], progress: Told
 ) -> Iterator[Picture]:
     every = _thinning(replay.trajectory.qpos)
-    views = {name: _Drawn(replay, name) for name in _CAMERAS}
+    views = {name: film.Drawn(replay, name) for name in _CAMERAS}
     for n, shot in enumerate(shots, start=1):
         progress(n, len(shots))
         pictures = np.hstack([views[name].at(shot.sample, every) for name in _CAMERAS])
@@ -137,42 +135,11 @@ def _frames(
         yield np.vstack([pictures, caption])
 
 
-class _Drawn:
-    """A camera's pictures, drawn again only where something has moved."""
-
-    def __init__(self, replay: Replay, camera: str) -> None:
-        self._replay = replay
-        self._camera = camera
-        self._sample = 0
-        self._picture = replay.image(camera, 0)
-
-    def at(self, sample: int, every: int) -> Picture:
-        """The picture of a sample, or of the one drawn less than `every` samples before it."""
-        qpos = self._replay.trajectory.qpos
-        is_due = sample % every == 0 or sample == len(qpos) - 1
-        if is_due and np.abs(qpos[sample] - qpos[self._sample]).max() > _UNMOVED:
-            self._sample, self._picture = sample, self._replay.image(self._camera, sample)
-        return self._picture
-
-
 def _thinning(qpos: NDArray[np.float32]) -> int:
     """The number of samples of which one is drawn, so that a long trial's video is made in bounded
     time."""
-    moving = int(np.count_nonzero(np.abs(np.diff(qpos, axis=0)).max(axis=1) > _UNMOVED))
+    moving = int(np.count_nonzero(np.abs(np.diff(qpos, axis=0)).max(axis=1) > film.UNMOVED))
     return max(_DRAWN_EVERY, math.ceil(moving / _MOST_DRAWN))
-
-
-def _encode(path: Path, frames: Iterator[Picture]) -> None:
-    first = next(frames)
-    with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:
-        stream = container.add_stream("libx264", rate=FRAMES_PER_S)
-        stream.height, stream.width = first.shape[:2]
-        stream.pix_fmt = "yuv420p"
-        stream.codec_context.colorspace = Colorspace.ITU601  # as the pictures are converted
-        stream.options = {"preset": "superfast", "crf": "22"}
-        for picture in chain([first], frames):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        container.mux(stream.encode())
 
 
 # --- the caption -------------------------------------------------------------------------------

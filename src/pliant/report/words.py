@@ -7,6 +7,7 @@ from pliant.conditions import QUANTITIES
 from pliant.formations import Step
 from pliant.pose import Axis, Partial, Pose
 from pliant.records import End, Trial
+from pliant.text import rounded
 
 _ENDS = {
     End.INSERTED: "judged inserted",
@@ -28,9 +29,9 @@ _FACTORS = ("friction", "wrist_stiffness")
 
 
 def number(value: float, digits: int = 1, *, sign: bool = False) -> str:
-    """A rounded number; what rounds to zero has no minus sign."""
-    rounded = round(value, digits) + 0.0
-    shown = f"{rounded:+.{digits}f}" if sign and rounded else f"{rounded:.{digits}f}"
+    """A number in so many digits, with a true minus sign."""
+    value = rounded(value, digits)
+    shown = f"{value:+.{digits}f}" if sign and value else f"{value:.{digits}f}"
     return shown.replace("-", "\N{MINUS SIGN}")
 
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant import folders
+from pliant import files, folders
 from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.sim import constants as c
@@ -44,13 +44,8 @@ def save(folder: Path, trajectory: Trajectory) -> None:
     """
     arrays: dict[str, NDArray[Any]] = {"time_s": trajectory.time_s, "qpos": trajectory.qpos}
     arrays |= {f"{_SETUP}{name}": np.array(v) for name, v in asdict(trajectory.setup).items()}
-    try:
-        with folders.whole(folder / FILE) as partial, partial.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-    except OSError as error:
-        raise InputError(
-            f"'{folder / FILE}' cannot be written: {error.strerror}; choose another folder"
-        ) from error
+    with files.whole(folder / FILE) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def load(folder: Path) -> Trajectory:

@@ -1,31 +1,20 @@
 """The right answers to cases, by the truth: whether an execution succeeded, and on failure what to
 do next.
 
-A formation succeeds when the peg is where the next skill can take over from it; pictures, poses and
-checks play no part. What to do next is the oracle's plan: the rules with the truth in place of
+What to do next is the oracle's plan: the rules with the truth in place of
 every measurement.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 from pliant.cell import Truth
-from pliant.checks import TILT_TOLERANCE_DEG, half_hole, pose_check
 from pliant.conditions import Setup
 from pliant.envelope import Limits
 from pliant.experiment.oracle import Oracle
+from pliant.experiment.success import succeeded
 from pliant.formations import OWNED, RECOVERABLE, Formation, Goals, Step
 from pliant.records import Case, Verdict
 from pliant.recovery import admit
-from pliant.task import Task
-
-TOUCHING_M = 0.0005
-"""The compression from which a wrist at rest touches something [m]; in free hang it is pressed by
-less."""
-
-BELOW_M = 0.0005
-"""The depth below the board's surface at which an edge is in the hole [m]: contact is softer than
-that."""
 
 CHANGE_M = 0.001
 """The change up to which a goal counts as the same goal [m]: the paper's p_th."""
@@ -57,7 +46,7 @@ class Answer:
 def answer(case: Case, truth: Truth, setup: Setup) -> Answer | None:
     """The right answer to a case, its goals not yet tried; None where the right steps may not be
     done or change nothing: such a case has no answer to score by."""
-    if succeeded(case, truth):
+    if succeeded(case.task, case.outcome, truth):
         return Answer(success=True)
     if case.outcome.step.formation not in RECOVERABLE:
         return Answer(success=False)
@@ -70,29 +59,6 @@ def answer(case: Case, truth: Truth, setup: Setup) -> Answer | None:
     if not changes or admit(whole, case, Limits()).steps != steps:
         return None
     return Answer(success=False, steps=steps)
-
-
-def succeeded(case: Case, truth: Truth) -> bool:
-    """Whether the executed formation was reached, by the truth.
-
-    Approach: the pose is reached and the peg hangs free above the board. Contact: the peg presses
-    on the board. Fit: its low edge is in the hole, and its trailing edge has left the near rim.
-    Align: its whole bottom face is in the hole, and it leans at most 5 degrees. Insertion: the
-    centre of its bottom face is at least 10 mm deep in the hole.
-    """
-    match case.outcome.step.formation:
-        case Formation.APPROACH:
-            free = truth.depth_m < 0.0 and truth.compression_m < TOUCHING_M
-            return free and pose_check(case.outcome).vote is True
-        case Formation.CONTACT:
-            return truth.compression_m >= TOUCHING_M
-        case Formation.FIT:
-            return truth.fit is True and _has_left_near_rim(case.task, truth)
-        case Formation.ALIGN:
-            upright = abs(math.degrees(truth.tilt_rad)) <= TILT_TOLERANCE_DEG
-            return upright and _whole_face_in_hole(case.task, truth)
-        case Formation.INSERTION:
-            return truth.inserted is True
 
 
 def change(step: Step, goals: Goals) -> float:
@@ -116,19 +82,3 @@ def _shortened(steps: tuple[Step, ...], case: Case) -> tuple[Step, ...]:
     taught = case.teaching.goals.formations[Formation.INSERTION][axis]
     deeper = {axis: min(taught, steps[1].goal[axis])}
     return (Step(formation=Formation.INSERTION, goal=deeper),)
-
-
-def _has_left_near_rim(task: Task, truth: Truth) -> bool:
-    """Whether the bottom face's trailing edge is past the rim it came over, toward -y, or below
-    it."""
-    half = task.peg.half_extents[1]
-    trailing = truth.tip[1] + half * math.cos(truth.tilt_rad)
-    below = truth.depth_m - half * math.sin(truth.tilt_rad)
-    return trailing < truth.hole_y + half_hole(task) or below > BELOW_M
-
-
-def _whole_face_in_hole(task: Task, truth: Truth) -> bool:
-    """Whether both edges of the bottom face are below the board's surface, and its centre in the
-    hole."""
-    up = task.peg.half_extents[1] * abs(math.sin(truth.tilt_rad))
-    return abs(truth.tip[1] - truth.hole_y) < half_hole(task) and truth.depth_m - up > BELOW_M

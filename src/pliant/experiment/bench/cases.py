@@ -11,31 +11,31 @@ Cases are thinned: of the pictures only those after the execution in question ar
 motion's trace the first and the last sample.
 """
 
-import hashlib
 import io
 import json
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from pliant import pictures
 from pliant.cell import Motion, Trace, Truth
 from pliant.errors import InputError
 from pliant.experiment.bench.answers import Answer
+from pliant.experiment.decides import digest
 from pliant.files import write_bytes
 from pliant.formations import Formation, Goals
 from pliant.records import SCHEMA, Case, Look, Outcome
-from pliant.store import picture_name, with_method
+from pliant.store import adapter, invalid, with_method
 from pliant.teaching import Teaching
 
 SHIPPED = Path(__file__).with_name("cases.zip")
@@ -144,10 +144,7 @@ class Cases:
     def hash(self) -> str:
         """Content hash of the set: of the text, which names each picture by the hash of its
         pixels."""
-        total = hashlib.sha256()
-        for name in (_CASES, _ANSWERS, _TEACHING):
-            total.update(hashlib.sha256(self._texts[name]).digest())
-        return total.hexdigest()[:16]
+        return digest(*self._texts.values())[:16]
 
     @cached_property
     def _texts(self) -> dict[str, bytes]:
@@ -243,32 +240,22 @@ class _Pictures:
     encoded: Mapping[str, bytes] = field(default_factory=dict)
 
     def save(self, image: NDArray[np.uint8]) -> str:
-        name = picture_name(image)
+        name = pictures.name_of(image)
         member = f"pictures/{name}.webp"
         if member not in self.archive.NameToInfo:
-            _add(self.archive, member, self.encoded.get(name) or _webp(image))
+            content = self.encoded.get(name) or pictures.encoded(image, "webp", _LOSSLESS)
+            _add(self.archive, member, content)
         return name
 
     def load(self, name: object) -> NDArray[np.uint8]:
         """The picture of that name. Raises ValueError if it is missing or not the one that was
         stored."""
-        try:
-            webp = _member(self.archive, f"pictures/{name}.webp", pictures.MOST_BYTES)
-        except _BROKEN as error:
-            raise ValueError(f"the picture {name}.webp is missing or broken") from error
-        try:
-            image = pictures.decoded(webp)
-        except ValueError as error:
-            raise ValueError(f"the picture {name}.webp {error}") from error
-        if picture_name(image) != name:
-            raise ValueError(f"the picture {name}.webp is not the one that was stored")
-        return image
-
-
-def _webp(image: NDArray[np.uint8]) -> bytes:
-    done, webp = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _LOSSLESS)
-    assert done, "OpenCV encodes any 8-bit picture"
-    return webp.tobytes()
+        file = f"{name}.webp"
+        return pictures.kept(
+            file,
+            lambda: _member(self.archive, f"pictures/{file}", pictures.MOST_BYTES),
+            unreadable=_BROKEN,
+        )
 
 
 def _opened(path: Path) -> zipfile.ZipFile:
@@ -302,11 +289,8 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     archive.writestr(info, content)
 
 
-_adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
-
-
 def _dumped(kind: type[T], record: T, pictures: _Pictures, without: Set[str] = frozenset()) -> Any:
-    return _adapter(kind).dump_python(record, mode="json", context=pictures, exclude=set(without))
+    return adapter(kind).dump_python(record, mode="json", context=pictures, exclude=set(without))
 
 
 def _record(line: bytes, where: str) -> dict[str, Any]:
@@ -321,9 +305,6 @@ def _record(line: bytes, where: str) -> dict[str, Any]:
 
 def _valid(kind: type[T], document: Any, where: str, pictures: _Pictures | None = None) -> T:
     try:
-        return _adapter(kind).validate_python(document, context=pictures)
+        return adapter(kind).validate_python(document, context=pictures)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        at = ".".join(str(part) for part in first["loc"])
-        said = first["msg"].splitlines()[0]
-        raise InputError(f"{where} is broken at {at}: {said}{_AGAIN}") from error
+        raise InputError(f"{where} is broken at {invalid(error)}{_AGAIN}") from error

@@ -11,6 +11,7 @@ from pliant.experiment.bench.marks import Mark, Plan
 from pliant.experiment.measures import rate
 from pliant.experiment.statistics import CONFIDENCE, wilson
 from pliant.records import Exchange
+from pliant.text import rounded
 
 Scores = dict[str, Any]
 GROUPS: dict[str, Callable[[Mark], str]] = {
@@ -98,7 +99,7 @@ def _toward(plans: Sequence[Plan]) -> Scores | None:
 def _with_interval(value: np.floating[Any], resampled: NDArray[np.float64]) -> Scores:
     low, high = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     shown = {"value": value, "low": low, "high": high}
-    return {name: round(float(v), 3) + 0.0 for name, v in shown.items()}  # no -0.0
+    return {name: rounded(float(v), 3) for name, v in shown.items()}
 
 
 def _spent(decisions: Sequence[Sequence[Exchange]]) -> Scores:

@@ -1,15 +1,25 @@
 """The benchmark's tables as Markdown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
-from pliant.experiment.measures import is_partly, is_undecided
-from pliant.experiment.measures import name as shown
-from pliant.experiment.tables_text import PARTLY, marks
-from pliant.text import escaped
+from pliant.experiment.measures import is_undecided
+from pliant.experiment.tables_text import (
+    NONE,
+    Document,
+    interval,
+    marked,
+    marked_name,
+    own_percent,
+    rate,
+)
+from pliant.table import Table
+from pliant.text import escaped, rounded
 
-Document = Mapping[str, Any]
-_NONE = "–"
+_Row = tuple[str, Document]
+"""A reasoner's name as it is shown, and its scores of all cases."""
+_Columns = dict[str, Callable[[_Row], object]]
+_NAME: _Columns = {"reasoner": lambda row: row[0]}
 
 
 def markdown(document: Document) -> str:
@@ -37,148 +47,144 @@ def markdown(document: Document) -> str:
 
 
 def judging(document: Document) -> str:
-    beside = _own_beside(document)
-    rows = [
-        [
-            _name(name, s),
-            str(s["all"]["n"]),
-            *(_own(s) for _ in beside),
-            _accuracy(s["all"]["balanced_accuracy"], interval=True),
-            _rate(s["all"]["false_accepts"]),
-            _rate(s["all"]["false_rejects"]),
-        ]
-        for name, s in document["reasoners"].items()
-    ]
-    header = ["reasoner", "n", *beside, "balanced accuracy [%]", "false accepts [%]"]
-    return _marked(document, _table([*header, "false rejects [%]"], rows))
+    """A table of how reasoners judge."""
+    return _table(
+        document,
+        {
+            "n": lambda row: row[1]["n"],
+            **_own_beside(document),
+            "balanced accuracy [%]": lambda row: _or_none(row[1]["balanced_accuracy"], interval),
+            "false accepts [%]": _rate("false_accepts"),
+            "false rejects [%]": _rate("false_rejects"),
+        },
+    )
 
 
 def planning(document: Document) -> str:
-    beside = _own_beside(document)
-    names = ("plan_valid", "start_right", "retreat_right", "direction_right", "reaches")
-    rows = [
-        [_name(name, s), *(_own(s) for _ in beside)]
-        + [*(_rate(s["all"][score]) for score in names), _toward(s["all"]["toward_mm"])]
-        for name, s in document["reasoners"].items()
-    ]
-    header = ["reasoner", *beside, "valid [%]", "resumes right [%]", "retreat right [%]"]
-    header += ["direction right [%]", "reaches at once [%]", "toward the goal [mm], median; mean"]
-    return _marked(document, _table(header, rows))
+    """A table of what reasoners plan after true failures."""
+    return _table(
+        document,
+        {
+            **_own_beside(document),
+            "valid [%]": _rate("plan_valid"),
+            "resumes right [%]": _rate("start_right"),
+            "retreat right [%]": _rate("retreat_right"),
+            "direction right [%]": _rate("direction_right"),
+            "reaches at once [%]": _rate("reaches"),
+            "toward the goal [mm], median; mean": lambda row: _or_none(
+                row[1]["toward_mm"], _toward
+            ),
+        },
+    )
 
 
 def stopping(document: Document) -> str:
     """A table of how often reasoners stop, for those that were asked where it is right to stop."""
-    rows = [
-        [_name(name, s), _rate(s["all"]["stops"]), _rate(s["all"]["stops_needlessly"])]
-        for name, s in document["reasoners"].items()
-        if s["all"].get("stops", {}).get("n")
-    ]
-    header = ["reasoner", "stops where no motion helps [%]", "stops where going on is right [%]"]
-    return _table(header, rows)
+    columns: _Columns = {
+        **_NAME,
+        "stops where no motion helps [%]": _rate("stops"),
+        "stops where going on is right [%]": _rate("stops_needlessly"),
+    }
+    asked = [row for row in _rows(document) if row[1].get("stops", {}).get("n")]
+    return Table.of(asked, columns).markdown()
 
 
 def spending(document: Document) -> str:
-    rows = []
-    for name, of_name in document["reasoners"].items():
-        s = of_name["all"]
-        tokens = (s["input_tokens"] + s["output_tokens"]) / s["n"]
-        cost, latency = s["cost_usd"], s["latency_s"]
-        rows.append(
-            [
-                _name(name, of_name),
-                _own(of_name),
-                str(s["requests"]),
-                f"{tokens:.0f}" if s["requests"] else _NONE,
-                _NONE if cost is None else f"{100 * cost / s['n']:.2f}",
-                _NONE if latency is None else f"{latency['p50']:.1f}, {latency['p95']:.1f}",
-            ]
-        )
-    header = ["reasoner", "own decisions [%]", "requests", "tokens per case"]
-    header += ["US cents per case", "wait per decision p50, p95 [s]"]
-    return _table(header, rows)
+    """A table of what the reasoners' models cost."""
+    columns: _Columns = {
+        **_NAME,
+        "own decisions [%]": lambda row: own_percent(_share(row[1])),
+        "requests": lambda row: row[1]["requests"],
+        "tokens per case": lambda row: _tokens(row[1]),
+        "US cents per case": lambda row: _or_none(
+            row[1]["cost_usd"], lambda usd: f"{100 * usd / row[1]['n']:.2f}"
+        ),
+        "wait per decision p50, p95 [s]": lambda row: _or_none(
+            row[1]["latency_s"], lambda s: f"{s['p50']:.1f}, {s['p95']:.1f}"
+        ),
+    }
+    return Table.of(_rows(document), columns).markdown()
 
 
 def grouped(document: Document, by: str) -> str:
     """A table of the scores that tell groups apart, as counts; the JSON has their intervals."""
-    rows = []
-    for name, s in document["reasoners"].items():
-        for group, g in sorted(s[f"by_{by}"].items()):
-            scores = ("false_accepts", "false_rejects", "start_right", "direction_right", "reaches")
-            rates = [_of(g[score]) for score in scores]
-            accuracy = _accuracy(g["balanced_accuracy"], interval=False)
-            rows.append([_name(name, s), group, str(g["n"]), accuracy, *rates])
-    header = ["reasoner", by, "n", "balanced accuracy [%]", "false accepts", "false rejects"]
-    return _table(header + ["resumes right", "direction right", "reaches at once"], rows)
+    scores = {
+        "false accepts": "false_accepts",
+        "false rejects": "false_rejects",
+        "resumes right": "start_right",
+        "direction right": "direction_right",
+        "reaches at once": "reaches",
+    }
+    rows = [
+        [
+            *(_name(name, s["all"]), group, g["n"]),
+            _or_none(g["balanced_accuracy"], lambda score: f"{score['percent']:.1f}"),
+            *(_of(g[score]) for score in scores.values()),
+        ]
+        for name, s in document["reasoners"].items()
+        for group, g in sorted(s[f"by_{by}"].items())
+    ]
+    return Table(["reasoner", by, "n", "balanced accuracy [%]", *scores], rows).markdown()
 
 
 def undecided(document: Document) -> list[str]:
     """The reasoners whose model was asked, and decided nothing."""
-    return [name for name, s in document["reasoners"].items() if is_undecided(_share(s))]
+    return [n for n, s in document["reasoners"].items() if is_undecided(_share(s["all"]))]
+
+
+def _rows(document: Document) -> list[_Row]:
+    return [(_name(name, s["all"]), s["all"]) for name, s in document["reasoners"].items()]
+
+
+def _table(document: Document, columns: _Columns) -> str:
+    """A table with a row per reasoner, and the meaning of their names where they are not the plain
+    ones."""
+    rows = _rows(document)
+    shares = [{"own": _share(scores)} for _, scores in rows]
+    return marked(Table.of(rows, {**_NAME, **columns}), shares)
 
 
 def _share(scores: Document) -> Document | None:
     """A model's share of the decisions, as the tables of trials have it; None: none was asked, or
     it was counted in another way: scores of before had no count of those that nobody made."""
-    s = scores["all"]
-    if not s["requests"] or "fallbacks" not in s:
+    if not scores["requests"] or "fallbacks" not in scores:
         return None
-    cut = {name: s[name] for name in ("clamped", "fallbacks")}
-    return {"own_percent": s["own"]["percent"], **cut}
+    cut = {name: scores[name] for name in ("clamped", "fallbacks")}
+    return {"own_percent": scores["own"]["percent"], **cut}
 
 
 def _name(reasoner: str, scores: Document) -> str:
     """The name of a row: not the model's where it decided nothing, and marked where it did not
     decide all."""
-    share = _share(scores)
-    return shown(reasoner, share) + (f" {PARTLY}" if is_partly(share) else "")
+    return marked_name(reasoner, _share(scores))
 
 
-def _own_beside(document: Document) -> list[str]:
-    """The header cell of a column of a model's own decisions, where any row is a model's."""
-    return ["own [%]"] if any(map(_share, document["reasoners"].values())) else []
+def _own_beside(document: Document) -> _Columns:
+    """A column of a model's own decisions, where any row is a model's."""
+    has_any = any(_share(scores) for _, scores in _rows(document))
+    return {"own [%]": lambda row: own_percent(_share(row[1]))} if has_any else {}
 
 
-def _own(scores: Document) -> str:
-    share = _share(scores)
-    return _NONE if share is None else f"{share['own_percent']:.1f}"
+def _rate(score: str) -> Callable[[_Row], str]:
+    return lambda row: rate(row[1][score])
 
 
-def _marked(document: Document, table: str) -> str:
-    """A table, with the meaning of its names below it where they are not the plain ones."""
-    return "\n\n".join([table, *marks(map(_share, document["reasoners"].values()))])
+def _or_none(score: Any, shown: Callable[[Any], str]) -> str:
+    return NONE if score is None else shown(score)
 
 
-def _accuracy(score: Document | None, *, interval: bool) -> str:
-    if score is None:
-        return _NONE
-    text = f"{score['percent']:.1f}"
-    return f"{text} [{score['low']:.1f}, {score['high']:.1f}]" if interval else text
+def _of(found: Document) -> str:
+    return f"{found['successes']} of {found['n']}" if found["n"] else NONE
 
 
-def _rate(rate: Document) -> str:
-    if rate["percent"] is None:
-        return _NONE
-    return f"{rate['percent']:.1f} [{rate['low']:.1f}, {rate['high']:.1f}] of {rate['n']}"
+def _tokens(scores: Document) -> str:
+    tokens = (scores["input_tokens"] + scores["output_tokens"]) / scores["n"]
+    return f"{tokens:.0f}" if scores["requests"] else NONE
 
 
-def _of(rate: Document) -> str:
-    return f"{rate['successes']} of {rate['n']}" if rate["n"] else _NONE
-
-
-def _toward(score: Document | None) -> str:
-    if score is None:
-        return _NONE
-    median, mean = (
-        f"{_mm(s['value'])} [{_mm(s['low'])}, {_mm(s['high'])}]"
+def _toward(score: Document) -> str:
+    ends = [
+        [rounded(s[n], 1) for n in ("value", "low", "high")]
         for s in (score["median"], score["mean"])
-    )
-    return f"{median}; {mean}"
-
-
-def _mm(value: float) -> str:
-    return f"{round(value, 1) + 0.0:.1f}"  # no -0.0
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    ]
+    return "; ".join(f"{value:.1f} [{low:.1f}, {high:.1f}]" for value, low, high in ends)

@@ -4,7 +4,7 @@ servers can cache it, then the goal picture, the situation, and the picture take
 It sees what the case holds and no more; numbers are in millimetres and degrees, as their names say.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from string import Template
 
 import numpy as np
@@ -22,6 +22,7 @@ from pliant.pose import Axis, Partial, Pose, describe
 from pliant.reasoners.vlm.figures import figures
 from pliant.reasoners.vlm.settings import Settings
 from pliant.records import Case, Check, Evidence, FailureAnalysis, Verdict
+from pliant.table import Table
 from pliant.vision.scene import Measured, Scene
 from pliant.vision.surround import OBLIQUE
 
@@ -166,7 +167,7 @@ def _goals(case: Case) -> str:
         shift = {axis: goal[axis] - taught[axis] for axis in axes}
         rows.append([formation, _mm(goal, axes), _mm(shift, axes)])
     told = 3 if case.method.follows_belief else 2
-    return "## Current goals\n" + _table(head[:told], [row[:told] for row in rows])
+    return "## Current goals\n" + Table(head[:told], [row[:told] for row in rows]).markdown()
 
 
 def _history(case: Case, settings: Settings) -> str:
@@ -182,7 +183,7 @@ def _history(case: Case, settings: Settings) -> str:
         for e in told
     ]
     names = _checks(told[0].evidence, settings, case)
-    table = _table(["no", "skill", "goal", *names, "judged"], rows)
+    table = Table(["no", "skill", "goal", *names, "judged"], rows).markdown()
     probes = [f"probe after no {e.index + 1}: {probed}" for e in told for probed in e.probes]
     return "\n".join(["## Earlier executions", table, *probes])
 
@@ -322,10 +323,6 @@ def _mm(values: Pose | Partial, axes: Iterable[Axis]) -> str:
 def _tenths(value: float) -> str:
     """Write a value to a tenth; nothing below zero is written "-0.0"."""
     return f"{round(value, 1) + 0.0:.1f}"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(line)} |" for line in [head, ["---"] * len(head), *rows])
 
 
 def shown(picture: BinaryContent) -> NDArray[np.uint8]:

@@ -5,6 +5,7 @@ direction or cannot be written as UTF-8 are shown as signs.
 """
 
 import json
+from collections.abc import Iterable
 from html import escape
 from typing import Any
 
@@ -35,6 +36,16 @@ def tag(name: str, /, *children: str, **attributes: str | bool | None) -> Html:
     if name in ("img", "meta", "link"):
         return Html(f"<{name}{written}>")
     return Html(f"<{name}{written}>{join(*children)}</{name}>")
+
+
+def row(name: str, cells: Iterable[object]) -> Html:
+    """A row of a table, of cells that are elements of that name, th or td."""
+    return tag("tr", *(tag(name, text(cell)) for cell in cells))
+
+
+def text(cell: object) -> str:
+    """A cell's markup or text."""
+    return cell if isinstance(cell, str) else str(cell)
 
 
 def embedded(data: Any, name: str) -> Html:
