@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from pliant import store
@@ -283,7 +284,11 @@ def test_a_label_may_be_given_later(tmp_path: Path, desk: Desk) -> None:
         patch.setattr(results, "refresh", sys.exit)  # killed once the journal has the label
         with pytest.raises(SystemExit):
             labels.label(tmp_path, desk.person.label)
-    assert inserted(results._trials(tmp_path).to_pylist()) == {1: True, 2: None, 3: True}
+    assert inserted(pq.read_table(tmp_path / results.TRIALS_FILE).to_pylist()) == {
+        1: True,
+        2: None,
+        3: True,
+    }
     table = results.read_trials(tmp_path).to_pylist()
     assert inserted(table) == inserted(recorded(tmp_path)) == {1: True, 2: False, 3: True}
     assert table[1]["failure_kind"] == "not_inserted"

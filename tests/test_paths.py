@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 from pliant import teaching
-from pliant.cli import _expanded
 from pliant.commissioning.draft import Draft
 from pliant.errors import InputError
 from pliant.experiment import runner
@@ -23,7 +22,7 @@ from pliant.experiment.rows import Rows, lost
 from pliant.experiment.where import Where
 from pliant.experiment.work import Job
 from pliant.own import located_own, own_file, short_name
-from pliant.paths import located, seen_from, shortened, shown
+from pliant.paths import expanded, located, seen_from, shortened, shown
 from pliant.reasoners import reasoner
 
 MINE = "from pliant.reasoners.rules import Rules as Mine\n"
@@ -69,7 +68,7 @@ def test_a_path_counts_from_its_folder_and_home_is_a_tilde(
     assert located("/b.yaml", Path("/x")) == Path("/b.yaml")
     assert located("~/b.yaml", Path("/x")) == Path("/home/me/b.yaml")
     assert located("~nobody-of-this-name.yaml") == tmp_path / "~nobody-of-this-name.yaml"
-    assert [_expanded(w) for w in ("--out=~/a", "~/a", "a~", "--seed")] == [
+    assert [expanded(w) for w in ("--out=~/a", "~/a", "a~", "--seed")] == [
         *("--out=/home/me/a", "/home/me/a", "a~", "--seed")
     ]
 

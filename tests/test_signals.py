@@ -144,7 +144,7 @@ lerobot.episode = slow
 if __name__ == "__main__":
     signals.heed()
     with filling(Path(sys.argv[0]).with_name("out")):
-        with closing(lerobot._made([0, 1, 1, 1], 2)) as episodes:
+        with closing(lerobot.drawn([0, 1, 1, 1], 2)) as episodes:
             for made in episodes:
                 print("ready", flush=True)
                 time.sleep(PAUSE_S)

@@ -365,17 +365,16 @@ def test_a_camera_projects_points_to_where_they_are_drawn(name: str) -> None:
     robot = prepared()
     go(robot, Pose(y=0.08, z=0.32), speed=0.1)
     view = robot.observe((name,)).views[name]
-    renderer_scene = robot.cameras._ready().scene
     for point in ((0.065, -0.03, 0.02), (0.065, 0.05, -0.05), (0.065, 0.0, 0.05)):
-        drawn = centre_of_dot(robot, name, np.array(point), renderer_scene)
+        drawn = centre_of_dot(robot, name, np.array(point))
         assert drawn == pytest.approx(view.camera.project(np.array(point)), abs=0.7)
 
 
-def centre_of_dot(
-    robot: SimRobot, name: str, point: np.ndarray, scene: mujoco.MjvScene
-) -> tuple[float, float]:
+def centre_of_dot(robot: SimRobot, name: str, point: np.ndarray) -> tuple[float, float]:
     """Where a small sphere, drawn into the picture alone, appears [px]."""
-    renderer = robot.cameras._ready()
+    width, height = c.IMAGE_SIZE
+    renderer = mujoco.Renderer(robot.model, height, width, max_geom=1000)
+    scene = renderer.scene
     renderer.update_scene(robot.data, camera=name)
     plain = renderer.render().astype(int)
     renderer.update_scene(robot.data, camera=name)
@@ -385,6 +384,7 @@ def centre_of_dot(
     mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE, size, point, np.eye(3).ravel(), magenta)
     scene.ngeom += 1
     changed = np.abs(renderer.render().astype(int) - plain).sum(axis=2) > 30
+    renderer.close()
     rows, columns = np.nonzero(changed)
     assert len(rows) > 20
     return float(columns.mean()) + 0.5, float(rows.mean()) + 0.5

@@ -218,7 +218,7 @@ def test_connections_are_closed_when_the_answer_is_there() -> None:
     with loopback(speaks_for_the_rules) as server:
         mind = asked(server, deadline_s=30)
         mind.judge(inserted())
-        assert mind.asked.provider.client._client.is_closed
+        assert mind.asked.provider.client.is_closed()
         assert mind.judge(inserted()).by == "vlm"  # and opened again
 
 

@@ -34,6 +34,13 @@ def located(path: str | Path, folder: Path | None = None) -> Path:
     return place if place.is_absolute() else current_folder() / place
 
 
+def expanded(word: str) -> str:
+    """A word of a command line with the home folder for `~`, which shells leave as it is in
+    `--out=~/runs`."""
+    option, path = re.fullmatch(r"(--[\w-]+=)?(.*)", word, re.DOTALL).groups("")  # type: ignore[union-attr]
+    return option + os.path.expanduser(path)  # noqa: PTH111, a word need not be a path
+
+
 def current_folder() -> Path:
     """The current folder; raises InputError if it has been removed."""
     try:

@@ -26,7 +26,7 @@ from pliant.cli.teach import teach
 from pliant.cli.view import view
 from pliant.console import complain, say
 from pliant.errors import PliantError, unknown
-from pliant.paths import current_folder, shortened
+from pliant.paths import current_folder, expanded, shortened
 from pliant.text import replace_unshowable
 from pliant.usage import HELP, Usage, page, refuse_repeats, taken
 
@@ -133,7 +133,7 @@ def _called() -> None:
             say(f"pliant {version('pliant')}")
             return
         current_folder()  # what is started from one that is gone fails somewhere deep
-        words = [_expanded(word) for word in sys.argv[1:]]
+        words = [expanded(word) for word in sys.argv[1:]]
         if words and words[0] in COMMANDS and not any(word in HELP for word in words):
             refuse_repeats(words, COMMANDS[words[0]][0])  # a preset's options are no repeats
         sys.exit(parsed(with_preset(words))())
@@ -151,9 +151,3 @@ def _silence() -> None:
     """Write nothing more to standard output, also not as the program ends."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _expanded(word: str) -> str:
-    """A word with the home folder for `~`, which shells leave as it is in `--out=~/runs`."""
-    option, path = re.fullmatch(r"(--[\w-]+=)?(.*)", word, re.DOTALL).groups("")  # type: ignore[union-attr]
-    return option + os.path.expanduser(path)  # noqa: PTH111, a word need not be a path

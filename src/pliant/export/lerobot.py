@@ -90,7 +90,7 @@ def write(
     with filling(out) as folder:
         with ExitStack() as stack:
             writer = _Writer(folder, fps, tuple(cameras), stack)
-            episodes = stack.enter_context(closing(_made(jobs, workers or os.cpu_count() or 1)))
+            episodes = stack.enter_context(closing(drawn(jobs, workers or os.cpu_count() or 1)))
             for n, made in enumerate(episodes, start=1):
                 writer.add(made)
                 progress(n, len(jobs))
@@ -100,7 +100,7 @@ def write(
     return counts(chosen)
 
 
-def _made(jobs: Sequence[EpisodeJob], workers: int) -> Generator[Episode, None, None]:
+def drawn(jobs: Sequence[EpisodeJob], workers: int) -> Generator[Episode, None, None]:
     """The episodes in order, made in this process or in several, which are ended with it."""
     if workers == 1 or len(jobs) == 1:
         yield from map(episode, jobs)
