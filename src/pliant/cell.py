@@ -182,6 +182,36 @@ class Robot(Protocol):
         ...
 
 
+class RobotBehind:
+    """A robot behind another one, which passes on what is asked of it: all but `move_to`, which
+    whoever derives from it says."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    def __enter__(self) -> Self:
+        self._robot.__enter__()
+        return self
+
+    def __exit__(self, *ended: Any) -> None:
+        self._robot.__exit__(*ended)
+
+    def settle(self, seconds: float) -> None:
+        self._robot.settle(seconds)
+
+    def tare(self) -> None:
+        self._robot.tare()
+
+    def clock(self) -> float:
+        return self._robot.clock()
+
+    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
+        return self._robot.observe(cameras)
+
+    def halt(self) -> None:
+        self._robot.halt()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Truth:
     """Ground truth, sampled by the experiment. Never part of a Case."""

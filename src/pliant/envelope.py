@@ -4,10 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
-from types import TracebackType
-from typing import Self
 
-from pliant.cell import Motion, Observation, Robot
+from pliant.cell import Motion, Observation, Robot, RobotBehind
 from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
@@ -97,7 +95,7 @@ class Descent:
         return lowest
 
 
-class Guarded:
+class Guarded(RobotBehind):
     """A robot behind the envelope: the same six calls, each motion checked, speed and compression
     limit capped, and no lower than `descent` allows where somebody set it. The motion's record
     keeps what was requested beside what was commanded.
@@ -109,7 +107,7 @@ class Guarded:
     """
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
-        self._robot = robot
+        super().__init__(robot)
         self.limits = limits
         self.motions: list[Motion] = []
         self.under_way: Pose | None = None
@@ -117,18 +115,6 @@ class Guarded:
         self.has_answered = False
         self.sees_depth: Callable[[], float | None] | None = None
         self._unlikely = 0  # answers
-
-    def __enter__(self) -> Self:
-        self._robot.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._robot.__exit__(kind, error, traceback)
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
         """Move as `Robot.move_to` does; a pose outside the workspace raises RobotFault("envelope"),
@@ -230,17 +216,8 @@ class Guarded:
         here = self._robot.observe(()).pose.z
         return pose.updated({Axis.Z: max(pose.z, min(lowest, here))})
 
-    def settle(self, seconds: float) -> None:
-        self._robot.settle(seconds)
-
-    def tare(self) -> None:
-        self._robot.tare()
-
-    def clock(self) -> float:
-        return self._robot.clock()
-
     def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
-        seen = self._robot.observe(cameras)
+        seen = super().observe(cameras)
         if not self.has_answered:
             self.has_answered = self._feels(seen)
         return seen
@@ -254,6 +231,3 @@ class Guarded:
             self._robot.settle(_BETWEEN_S)
             read.append(self._robot.observe(()).compression_m)
         return True
-
-    def halt(self) -> None:
-        self._robot.halt()

@@ -7,7 +7,6 @@ experiment does both through the admin port; the method's side is the same.
 import contextlib
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol, Self
 
 from pliant.cell import Truth
@@ -116,12 +115,7 @@ class UrCell:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # --- inside ----------------------------------------------------------------------------------
