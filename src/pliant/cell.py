@@ -4,6 +4,7 @@
 same six calls. `Workcell` prepares trials and knows the truth: only experiments hold one.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
 from pliant.conditions import Setup
-from pliant.pose import Pose
+from pliant.pose import Axis, Pose
 from pliant.task import Task
 from pliant.wrist import SensorAnswer
 
@@ -71,6 +72,27 @@ class Trace:
     compression_m: Array  # (n,) from free hang
 
 
+class Samples:
+    """A trace while it is being taken."""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+        self._poses: list[list[float]] = []
+        self._compressions_m: list[float] = []
+
+    def take(self, time_s: float, pose: Pose, compression_m: float) -> None:
+        self.times_s.append(time_s)
+        self._poses.append([pose[axis] for axis in Axis])
+        self._compressions_m.append(compression_m)
+
+    def trace(self) -> Trace:
+        return Trace(
+            time_s=np.array(self.times_s),
+            pose=np.array(self._poses),
+            compression_m=np.array(self._compressions_m),
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
     """One straight motion: the pose asked for, the one commanded, and where it ended."""
@@ -89,6 +111,11 @@ class Motion:
     def off(self) -> tuple[float, float]:
         """The distance [m] and the angle [rad] from where it was sent to where it ended."""
         return self.commanded.distance_to(self.ended), self.commanded.turn_to(self.ended)
+
+
+def missed(off_m: float, turn: float) -> str:
+    """Say that a motion ended so far [m, rad] from where it was sent."""
+    return f"a motion ended {off_m * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

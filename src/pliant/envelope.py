@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
-from pliant.cell import Motion, Observation, Robot, RobotBehind
+from pliant.cell import Motion, Observation, Robot, RobotBehind, missed
 from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
@@ -182,8 +182,7 @@ class Guarded(RobotBehind):
         self._robot.halt()
         raise RobotFault(
             "not_reached",
-            f"a motion ended {off_m * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal,"
-            " and the wrist's sensor has not answered yet",
+            f"{missed(off_m, turn)}, and the wrist's sensor has not answered yet",
         )
 
     def _hear(self, answer: SensorAnswer | None) -> None:

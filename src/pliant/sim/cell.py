@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.cell import Motion, Observation, Stop, Trace, Truth, View
+from pliant.cell import Motion, Observation, Samples, Stop, Truth, View, missed
 from pliant.conditions import Setup
 from pliant.errors import RobotFault
 from pliant.pose import Pose, angles_from, pose_from
@@ -24,7 +24,7 @@ from pliant.sim.render import Cameras
 from pliant.sim.sensor import Sensor
 from pliant.sim.setup import apply, is_moving, place
 from pliant.task import Task
-from pliant.wrist import Reading, Watch, is_straight
+from pliant.wrist import Reading, Watch, Way, is_straight, toward_tip
 
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
@@ -153,8 +153,6 @@ class SimRobot:
         )
         self._q = self._home
         self._on_step: Callable[[], None] = _nothing
-        # Of a straight press under way: where it began and the wrist's axis, toward the tip.
-        self._way: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     # --- what a trial randomises ---------------------------------------------------------------
 
@@ -284,14 +282,15 @@ class SimRobot:
         started = self.clock()
         peak = self._watched()
         stop = Stop.REACHED
-        samples = _Samples()
+        samples = Samples()
         margin = _UNLOADING + self._sensor.margin
         limit = min(limit, self._wrist.limit_m)
-        if not self._wrist.begin(peak, self._toward_tip(pose), limit):
+        way = None
+        if is_straight(self._commanded, pose):
+            way = Way(self._commanded.position(), -pose.rotation()[:, 2])
+        if not self._wrist.begin(peak, toward_tip(self._commanded, pose), limit, way):
             path = self.data.ctrl[None].copy()
             stop = Stop.COMPRESSION
-        if is_straight(self._commanded, pose):
-            self._way = self._commanded.position(), -pose.rotation()[:, 2]
         ticks = len(path)
         for k in range(ticks):
             self.data.ctrl[:] = path[k]
@@ -300,16 +299,14 @@ class SimRobot:
             peak = max(peak, watched)
             ends = self._wrist.ends(watched, margin)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
-                self._sample(samples, reading.read_m)
+                samples.take(self.clock(), self.pose(), reading.read_m)
             if ends and stop is Stop.REACHED:
                 stop = Stop.COMPRESSION
                 self._wrist.rest()
-                self._way = None
                 self.halt()
                 self.settle(self._sensor.delay_s)
                 break
         self._wrist.rest()
-        self._way = None
         if stop is Stop.REACHED:
             self._commanded, self._q = pose, path[-1]
         return Motion(
@@ -330,24 +327,7 @@ class SimRobot:
         off, turn = motion.off
         if off > _NEAR_M or turn > _NEAR_RAD:
             self.halt()
-            raise RobotFault(
-                "not_reached",
-                f"a motion ended {off * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal",
-            )
-
-    def _toward_tip(self, pose: Pose) -> float:
-        """The distance [m] that the way to a pose goes along the wrist's axis there, toward the
-        tip."""
-        way = pose.position() - self._commanded.position()
-        return float(-way @ pose.rotation()[:, 2])
-
-    def _along(self) -> float | None:
-        """The distance [m] that a straight press has come along the wrist's axis; None: none is
-        under way."""
-        if self._way is None:
-            return None
-        start, axis = self._way
-        return float((self.data.site_xpos[self._site] - start) @ axis)
+            raise RobotFault("not_reached", missed(off, turn))
 
     def _length(self, pose: Pose) -> float:
         """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
@@ -375,7 +355,7 @@ class SimRobot:
             filtered_m=sensor.watched(felt) - self._tared,
             margin_m=sensor.margin,
             noise_m=self.setup.compression_noise,
-            along_m=self._along(),
+            along_m=self._wrist.along(data.site_xpos[self._site]),
         )
         self._obeyed(partial(self._wrist.read, reading))
         return reading
@@ -386,37 +366,11 @@ class SimRobot:
             ask()
         except RobotFault:
             self._wrist.rest()
-            self._way = None
             self.halt()
             raise
 
     def _keep_frame(self) -> None:
         self.frames.append((self.clock(), self.data.qpos.copy()))
-
-    def _sample(self, samples: "_Samples", compression: float) -> None:
-        mujoco.mj_kinematics(self.model, self.data)
-        samples.time_s.append(self.clock())
-        samples.position.append(self.data.site_xpos[self._site].copy())
-        samples.rotation.append(self.data.site_xmat[self._site].reshape(3, 3).copy())
-        samples.compression_m.append(compression)
-
-
-class _Samples:
-    """A trace while it is being taken."""
-
-    def __init__(self) -> None:
-        self.time_s: list[float] = []
-        self.position: list[NDArray[np.float64]] = []
-        self.rotation: list[NDArray[np.float64]] = []
-        self.compression_m: list[float] = []
-
-    def trace(self) -> Trace:
-        angles = [angles_from(r) for r in self.rotation]
-        return Trace(
-            time_s=np.array(self.time_s),
-            pose=np.hstack([np.array(self.position), np.array(angles)]),
-            compression_m=np.array(self.compression_m),
-        )
 
 
 def _along(waypoints: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,11 +13,11 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pliant import signals
+from pliant.cell import Samples, missed
 from pliant.errors import InputError, RobotFault
-from pliant.pose import Axis, Pose, pose_from
+from pliant.pose import Pose, pose_from
 from pliant.ur5e import dashboard
 from pliant.ur5e import messages as m
 from pliant.ur5e.arm import ArmClient
@@ -25,7 +25,7 @@ from pliant.ur5e.compression import Compression
 from pliant.ur5e.configuration import Configuration, Transform
 from pliant.ur5e.gripper import GripperClient
 from pliant.ur5e.pace import LOOK_S
-from pliant.wrist import Watch, is_straight
+from pliant.wrist import Watch, Way, is_straight, toward_tip
 
 _ALIVE_S = 0.05
 _IDLE_S = 0.005
@@ -76,8 +76,6 @@ class _Driver:
         self._gripper: GripperClient | None = None
         self._said_s = 0.0
         self._is_guided = False
-        # Of a straight press under way: where it began and the wrist's axis, toward the tip.
-        self._way: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def serve(self) -> None:
         while True:
@@ -216,27 +214,27 @@ class _Driver:
         target = self._base_of_task @ _transform(request.pose)
         earlier = compression.allowance(speed, stop_m_s2, _LATENCY_S)
         started = self._measured()
-        samples = _Samples()
-        samples.take(started, compression.now)
-        toward = _toward_tip(started.pose, request.pose)
+        samples = _PeakSamples()
+        samples.read(started, compression.now)
+        toward = toward_tip(started.pose, request.pose)
+        way = None
         if is_straight(started.pose, request.pose):
-            self._way = arm.pose()[:3, 3], -target[:3, 2]
-        is_reached = self._wrist.begin(compression.now, toward, request.stop_at_compression_m)
+            way = Way(arm.pose()[:3, 3], -target[:3, 2])
+        is_reached = self._wrist.begin(compression.now, toward, request.stop_at_compression_m, way)
         if is_reached:
             arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
         else:
             self._look()
         while arm.is_moving():
             self._look()
-            samples.take_if_due(self._now(), compression.now)
+            samples.read_if_due(self._now(), compression.now)
             if is_reached and self._wrist.ends(compression.now, compression.margin, earlier):
                 is_reached = False
                 arm.stop()
         self._wrist.rest()
-        self._way = None
         self._come_to_rest(samples)
         ended = self._measured()
-        samples.take(ended, compression.now)
+        samples.read(ended, compression.now)
         if is_reached:
             self._verify(target)
         return m.Moved(
@@ -244,13 +242,11 @@ class _Driver:
             peak_compression_m=samples.peak_m,
             started_s=started.time_s,
             ended=ended,
-            times_s=np.array(samples.times_s),
-            poses=np.array(samples.poses),
-            compressions_m=np.array(samples.compressions_m),
+            trace=samples.trace(),
             answer=self._wrist.answer(),
         )
 
-    def _come_to_rest(self, samples: "_Samples | None" = None) -> None:
+    def _come_to_rest(self, samples: "_PeakSamples | None" = None) -> None:
         """Brake what moves and wait until the arm is still."""
         arm = self._here
         if arm.is_moving():
@@ -259,7 +255,7 @@ class _Driver:
         while arm.is_moving() or not arm.is_still():
             self._look()
             if samples is not None:
-                samples.take_if_due(self._now(), self._compression.now)
+                samples.read_if_due(self._now(), self._compression.now)
             if arm.time_s() > give_up:
                 raise RobotFault("not_reached", "the arm does not come to rest")
 
@@ -271,10 +267,7 @@ class _Driver:
         cosine = (float(np.trace(there[:3, :3].T @ target[:3, :3])) - 1.0) / 2.0
         turn = math.acos(max(-1.0, min(1.0, cosine)))
         if off > _NEAR_M or turn > _NEAR_RAD:
-            raise RobotFault(
-                "not_reached",
-                f"a motion ended {off * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal",
-            )
+            raise RobotFault("not_reached", missed(off, turn))
 
     # --- looking ---------------------------------------------------------------------------------
 
@@ -301,17 +294,10 @@ class _Driver:
         arm = self._here
         self._compression.read(arm.time_s(), arm.force(), arm.pose()[:3, :3])
         if self._is_tared:
-            self._wrist.read(replace(self._compression.reading, along_m=self._along()))
+            along_m = self._wrist.along(arm.pose()[:3, 3])
+            self._wrist.read(replace(self._compression.reading, along_m=along_m))
         if self._gripper is not None:
             self._gripper.poll()
-
-    def _along(self) -> float | None:
-        """The distance [m] that a straight press has come along the wrist's axis; None: none is
-        under way."""
-        if self._way is None:
-            return None
-        start, axis = self._way
-        return float((self._here.pose()[:3, 3] - start) @ axis)
 
     def _now(self) -> m.ArmReading:
         pose = self._task_of_base @ self._here.pose()
@@ -334,30 +320,19 @@ class _Driver:
         return self._arm
 
 
-class _Samples:
-    """A trace while it is being taken, and the highest compression of all looks."""
+class _PeakSamples(Samples):
+    """Samples of a motion, and the highest compression of all looks."""
 
-    def __init__(self) -> None:
-        self.times_s: list[float] = []
-        self.poses: list[list[float]] = []
-        self.compressions_m: list[float] = []
-        self.peak_m = -math.inf
+    peak_m = -math.inf
 
-    def take(self, at: m.ArmReading, compression_m: float) -> None:
+    def read(self, at: m.ArmReading, compression_m: float) -> None:
         self.peak_m = max(self.peak_m, compression_m)
-        self.times_s.append(at.time_s)
-        self.poses.append([at.pose[axis] for axis in Axis])
-        self.compressions_m.append(compression_m)
+        self.take(at.time_s, at.pose, compression_m)
 
-    def take_if_due(self, at: m.ArmReading, compression_m: float) -> None:
+    def read_if_due(self, at: m.ArmReading, compression_m: float) -> None:
         self.peak_m = max(self.peak_m, compression_m)
         if at.time_s >= self.times_s[-1] + _SAMPLE_S - LOOK_S / 2:
-            self.take(at, compression_m)
-
-
-def _toward_tip(start: Pose, end: Pose) -> float:
-    """The distance [m] that the way to a pose goes along the wrist's axis there, toward the tip."""
-    return float((start.position() - end.position()) @ end.rotation()[:, 2])
+            self.read(at, compression_m)
 
 
 def _transform(pose: Pose) -> Transform:

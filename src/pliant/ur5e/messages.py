@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pliant.cell import Trace
 from pliant.pose import Pose
 from pliant.wrist import SensorAnswer
 
@@ -122,9 +120,7 @@ class Moved:
     peak_compression_m: float
     started_s: float
     ended: ArmReading
-    times_s: NDArray[np.float64]  # (n,)
-    poses: NDArray[np.float64]  # (n, 6) x, y, z [m], roll, pitch, yaw [rad]
-    compressions_m: NDArray[np.float64]  # (n,)
+    trace: Trace  # on the controller's clock
     answer: SensorAnswer | None
 
 

@@ -1,11 +1,12 @@
 """The method's side of the real cell (protocol `pliant.cell.Robot`): a driver and a camera."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Self, TypeVar
 
 from pliant import signals
-from pliant.cell import Motion, Observation, Stop, Trace, View
+from pliant.cell import Motion, Observation, Stop, View
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
 from pliant.task import Task
@@ -65,11 +66,7 @@ class UrRobot:
             peak_compression_m=moved.peak_compression_m,
             started_s=moved.started_s - self._origin_s,
             ended_s=moved.ended.time_s - self._origin_s,
-            trace=Trace(
-                time_s=moved.times_s - self._origin_s,
-                pose=moved.poses,
-                compression_m=moved.compressions_m,
-            ),
+            trace=replace(moved.trace, time_s=moved.trace.time_s - self._origin_s),
             answer=moved.answer,
         )
 
