@@ -7,18 +7,17 @@ docs/emulator.md lists the requests; those that change something need the emulat
 import asyncio
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pliant import tokens
 from pliant.conditions import Condition, Setup, condition
+from pliant.emulator.emulator import Emulator
 from pliant.emulator.faults import Fault, first_problem
-from pliant.emulator.pace import MOST_SPEED, Pacing
+from pliant.emulator.pace import MOST_SPEED
 from pliant.errors import InputError, PliantError
-
-if TYPE_CHECKING:
-    from pliant.emulator.emulator import Emulator
+from pliant.ur5e.protocol import Pacing
 
 _MOST_LINE = 1 << 16  # [bytes]
 
@@ -142,7 +141,7 @@ _REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 _ANSWER: TypeAdapter[dict[str, Any]] = TypeAdapter(dict[str, Any])
 
 
-def protocol(emulator: "Emulator") -> asyncio.BaseProtocol:
+def protocol(emulator: Emulator) -> asyncio.BaseProtocol:
     """The protocol that serves one client's connection."""
 
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -159,7 +158,7 @@ def protocol(emulator: "Emulator") -> asyncio.BaseProtocol:
     return asyncio.StreamReaderProtocol(reader, talk)
 
 
-async def _reply(emulator: "Emulator", line: bytes) -> dict[str, Any]:
+async def _reply(emulator: Emulator, line: bytes) -> dict[str, Any]:
     try:
         request = _REQUEST.validate_json(line)
         if not isinstance(request, _ANYBODYS) and not emulator.is_token(request.token):
@@ -174,7 +173,7 @@ async def _reply(emulator: "Emulator", line: bytes) -> dict[str, Any]:
         return {"ok": False, "error": str(error)}
 
 
-async def perform(emulator: "Emulator", request: Request) -> dict[str, Any]:
+async def perform(emulator: Emulator, request: Request) -> dict[str, Any]:
     """Do what is asked, and return the answer's fields.
 
     Raises:

@@ -8,7 +8,6 @@ A frame's header `X-Robot-Time` is the controller's time stamp [s] of what it sh
 """
 
 import ipaddress
-import json
 import multiprocessing
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -29,8 +28,8 @@ from pliant.sim import model as m
 from pliant.sim.render import CAMERAS, Cameras
 from pliant.sim.setup import apply
 from pliant.task import load_task
+from pliant.ur5e.protocol import TIME_HEADER
 
-TIME_HEADER = "X-Robot-Time"
 _TYPES = {"jpg": "image/jpeg", "png": "image/png"}
 _JPEG_QUALITY = 95
 _START_S = 60.0
@@ -227,8 +226,3 @@ def _serve(host: str, port: int, block_name: str, ready: Connection) -> None:
         return
     ready.send("")
     server.serve_forever()
-
-
-def described(cameras: bytes) -> list[Camera]:
-    """The cameras' calibrations from the text of /cameras.json."""
-    return TypeAdapter(list[Camera]).validate_python(json.loads(cameras))

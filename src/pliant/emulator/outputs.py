@@ -11,6 +11,7 @@ import numpy as np
 from pliant.emulator import frames
 from pliant.emulator.controller import REGISTERS, Controller, Runtime
 from pliant.emulator.frames import Array
+from pliant.ur5e.protocol import Mode
 
 Value = float | Sequence[float] | Array
 Getter = Callable[[Controller], Value]
@@ -52,7 +53,7 @@ def _tool_force(c: Controller) -> Value:
 
 
 def _status_bits(c: Controller) -> int:
-    powered = _POWER_ON if c.mode >= 5 else 0
+    powered = _POWER_ON if c.mode >= Mode.IDLE else 0
     return powered | (_PROGRAM_RUNNING if c.runtime is Runtime.PLAYING else 0)
 
 

@@ -3,10 +3,13 @@
 import asyncio
 import re
 from collections.abc import Callable
+from functools import partial
 
-from pliant.emulator.controller import Controller, Mode, Runtime, Safety, note
+from pliant.emulator.controller import Controller, Runtime, Safety, note
 from pliant.emulator.motion import Waypoint
+from pliant.emulator.program import Program
 from pliant.emulator.rtde import VERSION
+from pliant.ur5e.protocol import STOPPED, Mode
 
 _SERIAL_NUMBER = "20235500001"
 _MOST_LINE = 4096  # [bytes]
@@ -101,7 +104,7 @@ class Dashboard:
 
     def _stop(self) -> str:
         self._c.end_program("stopped at the dashboard")
-        return "Stopped"
+        return STOPPED
 
     def _restart_safety(self) -> str:
         if self._c.safety is Safety.ROBOT_EMERGENCY_STOP:
@@ -157,7 +160,7 @@ class Scripts(asyncio.Protocol):
         if name != _CONTROL_PROGRAM:
             note(self._controller, f"script '{name}' is not ur_rtde's control program: ignored")
             return
-        self._controller.play(path_in(script))
+        self._controller.play(partial(Program, path=path_in(script)))
         self._wake()
 
 

@@ -6,11 +6,11 @@ cleared the command. A command that takes time is a generator that yields once p
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.emulator import frames
+from pliant.emulator.controller import Controller
 from pliant.emulator.frames import Array
 from pliant.emulator.motion import (
     Drive,
@@ -23,9 +23,6 @@ from pliant.emulator.motion import (
     tool_advance,
 )
 from pliant.emulator.plant import TICK
-
-if TYPE_CHECKING:
-    from pliant.emulator.controller import Controller
 
 _READY, _DONE = 1, 2
 _STOP_SCRIPT = 255
@@ -45,7 +42,7 @@ class Program:
     """The running control program. Call `cycle` once per controller cycle, until it returns
     False."""
 
-    def __init__(self, controller: "Controller", path: tuple[Waypoint, ...]) -> None:
+    def __init__(self, controller: Controller, path: tuple[Waypoint, ...] = ()) -> None:
         self._c, self._path = controller, path
         self._registers = controller.registers
         self._busy: Iterator[None] | None = None

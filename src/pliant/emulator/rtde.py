@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pliant.emulator.controller import FREQUENCY, REGISTERS, Controller
+from pliant.emulator.controller import REGISTERS, Controller
 from pliant.emulator.outputs import FORMATS, VARIABLES, Getter
+from pliant.ur5e.protocol import FREQUENCY
 
 VERSION = (5, 12, 6, 1)  # PolyScope's, as reported: from 5.23 on clients expect more registers
 _HEADER = struct.Struct(">HB")

@@ -23,9 +23,9 @@ from pliant.cell import View
 from pliant.errors import InputError, RobotFault, installing
 from pliant.network import open_directly
 from pliant.ur5e import configuration as c
+from pliant.ur5e.protocol import TIME_HEADER
 
 Picture = NDArray[np.uint8]  # (height, width, 3), RGB
-TIME_HEADER = "X-Robot-Time"  # of a picture over HTTP: the controller's time stamp [s]
 _RETRY_S = 0.02
 _STAMP_S = 1e-5  # [s] of rounding in that header
 _ENDING_S = 2.0

@@ -17,9 +17,9 @@ from pliant.pose import Pose
 from pliant.task import Task, load_task, shipped_pegs
 from pliant.ur5e import configuration as c
 from pliant.ur5e import messages as m
+from pliant.ur5e.admin_port import AdminPort
 from pliant.ur5e.camera import CameraDevice, open_camera
 from pliant.ur5e.driver import Driver
-from pliant.ur5e.pace import AdminPort
 from pliant.ur5e.robot import UrRobot
 
 HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial; as in the simulated cell
@@ -96,10 +96,9 @@ class UrCell:
         """The emulator's ground truth, or the operator's label."""
         if self._admin is not None:
             try:
-                fields = self._admin.ask("truth")["truth"]
+                return self._admin.truth()
             except OSError as error:
                 raise InputError(f"the emulator does not answer: {error}") from error
-            return Truth(**{**fields, "tip": tuple(fields["tip"])})
         assert self._operator is not None
         return self._operator.truth()
 
@@ -178,7 +177,7 @@ class UrCell:
                 f" {task.depth * 1e3:g} mm to go"
             )
         try:
-            admin.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())
+            admin.set_up(setup, peg)
         except OSError as error:
             raise RobotFault("connection", f"the emulator does not answer: {error}") from error
         if peg != self._peg and self.configuration.camera.source is c.CameraSource.HTTP:

@@ -18,6 +18,7 @@ from pydantic import Field, TypeAdapter, field_validator, model_validator
 from pliant import cell, files
 from pliant.files import Fields
 from pliant.pose import Axis, Pose, rotation_matrix
+from pliant.ur5e.protocol import ADMIN_PORT, GRIPPER_PORT
 
 Transform = NDArray[np.float64]
 """A rigid transform (4, 4) [m]."""
@@ -141,7 +142,7 @@ class WristSettings(Fields):
 class GripperSettings(Fields):
     """The Robotiq 2F-85 behind its URCap socket."""
 
-    port: Port = 63352
+    port: Port = GRIPPER_PORT
     force: Byte = 150
     speed: Byte = 100
     closed_at: Byte = 255
@@ -224,7 +225,7 @@ class EmulatorSettings(Fields):
     """The emulator of an emulated cell: experiments set up its trials, and learn the truth, through
     it."""
 
-    admin_port: Port = 30100
+    admin_port: Port = ADMIN_PORT
     ticks_per_look: Annotated[int, Field(ge=1, le=10)] = 5
 
 

@@ -24,7 +24,7 @@ from pliant.ur5e.arm import ArmClient
 from pliant.ur5e.compression import Compression
 from pliant.ur5e.configuration import Configuration, Transform
 from pliant.ur5e.gripper import GripperClient
-from pliant.ur5e.pace import LOOK_S
+from pliant.ur5e.protocol import CYCLE_S
 from pliant.wrist import Watch, Way, is_straight, toward_tip
 
 _ALIVE_S = 0.05
@@ -181,7 +181,7 @@ class _Driver:
 
     def _wait(self, seconds: float) -> None:
         until = self._here.time_s() + seconds
-        while self._here.time_s() < until - LOOK_S / 2:
+        while self._here.time_s() < until - CYCLE_S / 2:
             self._look()
 
     def _fingers(self, close: bool) -> None:
@@ -292,9 +292,10 @@ class _Driver:
 
     def _read(self) -> None:
         arm = self._here
-        self._compression.read(arm.time_s(), arm.force(), arm.pose()[:3, :3])
+        pose = arm.pose()
+        self._compression.read(arm.time_s(), arm.force(), pose[:3, :3])
         if self._is_tared:
-            along_m = self._wrist.along(arm.pose()[:3, 3])
+            along_m = self._wrist.along(pose[:3, 3])
             self._wrist.read(replace(self._compression.reading, along_m=along_m))
         if self._gripper is not None:
             self._gripper.poll()
@@ -331,7 +332,7 @@ class _PeakSamples(Samples):
 
     def read_if_due(self, at: m.ArmReading, compression_m: float) -> None:
         self.peak_m = max(self.peak_m, compression_m)
-        if at.time_s >= self.times_s[-1] + _SAMPLE_S - LOOK_S / 2:
+        if at.time_s >= self.times_s[-1] + _SAMPLE_S - CYCLE_S / 2:
             self.read(at, compression_m)
 
 

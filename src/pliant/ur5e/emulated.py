@@ -9,7 +9,8 @@ from pliant.errors import InputError
 from pliant.network import open_directly
 from pliant.pose import angles_from
 from pliant.ur5e import configuration as c
-from pliant.ur5e.pace import AdminPort
+from pliant.ur5e.admin_port import AdminPort
+from pliant.ur5e.protocol import ADMIN_PORT, Pacing
 
 _PATIENCE_S = 20.0
 _REAL_TIME = {"stamp_ms": 900, "driver_ms": 1400, "gripper_ms": 900, "connect_ms": 30_000}
@@ -23,7 +24,7 @@ _LOCKSTEP = {  # on a machine under load nothing is late
 }
 
 
-def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.Configuration:
+def configuration_of(address: str = "127.0.0.1", admin_port: int = ADMIN_PORT) -> c.Configuration:
     """The configuration of an emulated cell: frames, tool, payload, stiffness and camera as the
     emulator has them; the patience is for a machine that also has to compute the physics, in
     lockstep for any machine.
@@ -44,7 +45,7 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
     x, y, z, *turn = cell["hinge_on_flange"]
     base = cell["base_in_task_m"]
     payload = cell["payload"]
-    is_lockstep = cell["mode"] == "lockstep"
+    is_lockstep = cell["mode"] == Pacing.LOCKSTEP
     return c.Configuration.model_validate(
         {
             "arm": {"address": address, "watchdog_hz": 10 if is_lockstep else 2},
