@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from itertools import chain
 from typing import Protocol, runtime_checkable
 
@@ -129,16 +130,16 @@ def _attached(where: Where, task: Task) -> Iterator[Robot]:
                 yield stack.enter_context(robot)
                 return
             stack.pop_all().close()
-        from pliant.ur5e import messages as m
         from pliant.ur5e.camera import open_camera
         from pliant.ur5e.driver import Driver
+        from pliant.ur5e.driver_process import ArmDriver
         from pliant.ur5e.robot import UrRobot
 
         assert configuration is not None
         driver = Driver(configuration)
         stack.callback(driver.close)
         driver.connect()
-        driver.ask(m.SetUp(holds=configuration.gripper is not None))
+        driver.ask(partial(ArmDriver.set_up, holds=configuration.gripper is not None))
         camera = open_camera(configuration.camera, configuration.patience.picture_ms * 1e-3)
         stack.callback(camera.close)
         yield stack.enter_context(UrRobot(configuration, driver, camera, task))

@@ -6,6 +6,7 @@ experiment does both through the admin port; the method's side is the same.
 
 import contextlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -16,10 +17,10 @@ from pliant.network import open_directly
 from pliant.pose import Pose
 from pliant.task import Task, load_task, shipped_pegs
 from pliant.ur5e import configuration as c
-from pliant.ur5e import messages as m
 from pliant.ur5e.admin_port import AdminPort
 from pliant.ur5e.camera import CameraDevice, open_camera
 from pliant.ur5e.driver import Driver
+from pliant.ur5e.driver_process import ArmDriver
 from pliant.ur5e.robot import UrRobot
 
 HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial; as in the simulated cell
@@ -88,8 +89,8 @@ class UrCell:
         if self._admin is None:
             assert self._operator is not None
             self._set_up_by_hand(driver, camera, self._operator, task, setup)
-        driver.ask(m.SetUp(holds=self.configuration.gripper is not None))
-        driver.ask(m.Tare())
+        driver.ask(partial(ArmDriver.set_up, holds=self.configuration.gripper is not None))
+        driver.ask(ArmDriver.tare)
         return UrRobot(self.configuration, driver, camera, task)
 
     def truth(self) -> Truth:
@@ -140,16 +141,16 @@ class UrCell:
     ) -> None:
         """Set up a real cell: the arm goes home, the person sets the scene, the fingers close on
         the peg: nothing moves before the person has agreed."""
-        driver.ask(m.SetUp(holds=False))
+        driver.ask(partial(ArmDriver.set_up, holds=False))
         self._go_home(UrRobot(self.configuration, driver, camera, task), person)
         if self.configuration.gripper is None:
             person.place(task, setup)
             return
         if person.may_move("open the gripper: hold the peg"):
-            driver.ask(m.Fingers(close=False))
+            driver.ask(partial(ArmDriver.fingers, close=False))
         person.place(task, setup)
         if person.may_move("close the gripper on the peg: hands off"):
-            driver.ask(m.Fingers(close=True))
+            driver.ask(partial(ArmDriver.fingers, close=True))
 
     def _go_home(self, robot: UrRobot, person: Operator) -> None:
         """Go home: straight up, then across."""

@@ -44,7 +44,7 @@ _HEARS = (  # faults after which it does
 def serve(pipe: Connection, configuration: Configuration) -> None:
     """Do requests until the other side says goodbye or is gone."""
     signals.ignore()  # they are for the trial, which has the arm halted here
-    driver = _Driver(pipe, configuration)
+    driver = ArmDriver(pipe, configuration)
     _say(pipe, m.Alive())  # Python and the libraries have taken their time
     try:
         driver.serve()
@@ -63,7 +63,9 @@ def _say(pipe: Connection, message: object) -> None:
         pipe.send(message)
 
 
-class _Driver:
+class ArmDriver:
+    """The arm's driver. Its requests may raise RobotFault, which ends it."""
+
     def __init__(self, pipe: Connection, configuration: Configuration) -> None:
         self._pipe, self._configuration = pipe, configuration
         self._base_of_task = configuration.task_frame.transform
@@ -88,7 +90,9 @@ class _Driver:
                     self._come_to_rest()
                     self._arm.disconnect()
                 return
-            self._pipe.send(m.Done(result=self._do(request)))
+            if isinstance(request, m.Interrupt):
+                raise RobotFault("interrupted", request.why)
+            self._pipe.send(m.Done(result=request(self)))
 
     def give_up(self, fault: RobotFault) -> None:
         """Halt the arm, whatever it takes, and let its program end: nothing moves it any more."""
@@ -99,49 +103,27 @@ class _Driver:
 
     # --- requests --------------------------------------------------------------------------------
 
-    def _do(self, request: m.Request) -> m.Result:
-        match request:
-            case m.Connect():
-                self._connect()
-            case m.SetUp(holds=holds):
-                self._set_up(holds)
-            case m.Tare():
-                self._tare()
-            case m.Move():
-                return self._move(request)
-            case m.Permits(pose=pose):
-                return self._here.permits(self._base_of_task @ _transform(pose))
-            case m.Weigh(lighter_kg=lighter_kg):
-                return self._weigh(lighter_kg)
-            case m.Wait(seconds=seconds):
-                self._wait(seconds)
-            case m.Measure():
-                return self._measured()
-            case m.Fingers(close=close):
-                self._fingers(close)
-            case m.Freedrive(on=on):
-                self._freedrive(on)
-            case m.Halt(why=why):
-                self._halt(why)
-        return None
-
-    def _connect(self) -> None:
+    def connect(self) -> None:
+        """Reach the controller and the gripper."""
         configuration = self._configuration
         self._arm = ArmClient(configuration)
         if configuration.gripper is not None:
             patience_s = configuration.patience.gripper_ms * 1e-3
             self._gripper = GripperClient(
-                configuration.gripper, configuration.arm.address, patience_s, self._wait
+                configuration.gripper, configuration.arm.address, patience_s, self.wait
             )
 
-    def _set_up(self, holds: bool) -> None:
+    def set_up(self, holds: bool) -> None:
+        """Set up tool, payload, watchdog; `holds`: the peg must be in the gripper, and stay
+        there."""
         self._is_tared = False
         self._here.set_up()
         if self._gripper is not None:
             self._gripper.watch(holds)
 
-    def _tare(self) -> None:
-        self._freedrive(False)
+    def tare(self) -> None:
+        """Count compression from here, at rest in free hang."""
+        self.freedrive(False)
         self._come_to_rest()
         if self._is_tared:
             self._hangs_m += self._compression.mean
@@ -159,17 +141,23 @@ class _Driver:
         self._compression.tare(np.array(readings), _TARE_S / len(readings))
         self._is_tared = True
 
-    def _weigh(self, lighter_kg: float) -> float:
-        self._freedrive(False)
+    def permits(self, pose: Pose) -> bool:
+        """Whether the controller's own safety limits let the arm be there."""
+        return self._here.permits(self._base_of_task @ _transform(pose))
+
+    def weigh(self, lighter_kg: float) -> float:
+        """Measure by how much compression changes [m] while the controller believes in a lighter
+        payload [kg]: the weight that it no longer makes up for stretches the wrist."""
+        self.freedrive(False)
         self._come_to_rest()
         before = self._mean()
         self._here.set_payload(lighter_kg)
         try:
-            self._wait(_WEIGH_S)
+            self.wait(_WEIGH_S)
             return self._mean() - before
         finally:
             self._here.set_payload()
-            self._wait(_WEIGH_S)
+            self.wait(_WEIGH_S)
 
     def _mean(self) -> float:
         readings = []
@@ -179,12 +167,14 @@ class _Driver:
             readings.append(self._compression.latest)
         return float(np.mean(readings))
 
-    def _wait(self, seconds: float) -> None:
+    def wait(self, seconds: float) -> None:
+        """Wait on the controller's clock."""
         until = self._here.time_s() + seconds
         while self._here.time_s() < until - CYCLE_S / 2:
             self._look()
 
-    def _fingers(self, close: bool) -> None:
+    def fingers(self, close: bool) -> None:
+        """Close on a peg, or open."""
         if self._gripper is None:
             return
         if close:
@@ -192,37 +182,38 @@ class _Driver:
         else:
             self._gripper.release()
 
-    def _freedrive(self, on: bool) -> None:
+    def freedrive(self, on: bool) -> None:
+        """Give way to a hand, or hold the arm where it is."""
         if on is not self._is_guided:
             self._here.freedrive(on)
             self._is_guided = on
             if not on:
                 self._come_to_rest()
 
-    def _halt(self, why: str) -> None:
-        if why:
-            raise RobotFault("interrupted", why)
-        self._freedrive(False)
+    def halt(self) -> None:
+        """Brake."""
+        self.freedrive(False)
         self._come_to_rest()
 
     # --- motion ----------------------------------------------------------------------------------
 
-    def _move(self, request: m.Move) -> m.Moved:
+    def move(self, pose: Pose, speed_m_s: float, stop_at_compression_m: float) -> m.Moved:
+        """Move straight to a pose, at most until the wrist is pressed to the limit."""
         arm, settings, compression = self._here, self._configuration.arm, self._compression
-        speed, stop_m_s2 = request.speed_m_s, settings.stop_mm_s2 * 1e-3
-        self._freedrive(False)
-        target = self._base_of_task @ _transform(request.pose)
-        earlier = compression.allowance(speed, stop_m_s2, _LATENCY_S)
-        started = self._measured()
+        stop_m_s2 = settings.stop_mm_s2 * 1e-3
+        self.freedrive(False)
+        target = self._base_of_task @ _transform(pose)
+        earlier = compression.allowance(speed_m_s, stop_m_s2, _LATENCY_S)
+        started = self.measure()
         samples = _PeakSamples()
         samples.read(started, compression.now)
-        toward = toward_tip(started.pose, request.pose)
+        toward = toward_tip(started.pose, pose)
         way = None
-        if is_straight(started.pose, request.pose):
+        if is_straight(started.pose, pose):
             way = Way(arm.pose()[:3, 3], -target[:3, 2])
-        is_reached = self._wrist.begin(compression.now, toward, request.stop_at_compression_m, way)
+        is_reached = self._wrist.begin(compression.now, toward, stop_at_compression_m, way)
         if is_reached:
-            arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
+            arm.begin(target, speed_m_s, min(speed_m_s / settings.ramp_s, stop_m_s2))
         else:
             self._look()
         while arm.is_moving():
@@ -233,7 +224,7 @@ class _Driver:
                 arm.stop()
         self._wrist.rest()
         self._come_to_rest(samples)
-        ended = self._measured()
+        ended = self.measure()
         samples.read(ended, compression.now)
         if is_reached:
             self._verify(target)
@@ -280,8 +271,9 @@ class _Driver:
             self._said_s = now
             self._pipe.send(m.Alive())
         if self._pipe.poll():
-            request = self._pipe.recv()
-            raise RobotFault("interrupted", getattr(request, "why", "") or "halted")
+            said = self._pipe.recv()
+            why = said.why if isinstance(said, m.Interrupt) else ""
+            raise RobotFault("interrupted", why or "halted")
 
     def _watch(self) -> None:
         """Look between requests: the same, at no particular time."""
@@ -309,7 +301,8 @@ class _Driver:
             compression_sd_m=self._compression.mean_sd,
         )
 
-    def _measured(self) -> m.ArmReading:
+    def measure(self) -> m.ArmReading:
+        """Measure where the arm is now."""
         self._here.check()
         self._read()
         return self._now()

@@ -10,10 +10,11 @@ from pliant.cell import Motion, Observation, Stop, View
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
 from pliant.task import Task
-from pliant.ur5e import messages as m
 from pliant.ur5e.camera import CameraDevice
 from pliant.ur5e.configuration import Configuration
-from pliant.ur5e.driver import Driver
+from pliant.ur5e.driver import Driver, Request
+from pliant.ur5e.driver_process import ArmDriver
+from pliant.ur5e.messages import ArmReading
 
 T = TypeVar("T")
 
@@ -48,15 +49,14 @@ class UrRobot:
         """
         started = self._measure()
         self._check_workspace(pose)
-        moved = self._ask_for(
-            m.Moved,
-            m.Move(
+        most_m = self.configuration.limits.compression_mm * 1e-3
+        moved = self._ask(
+            partial(
+                ArmDriver.move,
                 pose=pose,
                 speed_m_s=min(speed_m_s, self._fastest(started.pose, pose)),
-                stop_at_compression_m=min(
-                    stop_at_compression_m, self.configuration.limits.compression_mm * 1e-3
-                ),
-            ),
+                stop_at_compression_m=min(stop_at_compression_m, most_m),
+            )
         )
         return Motion(
             requested=pose,
@@ -71,10 +71,10 @@ class UrRobot:
         )
 
     def settle(self, seconds: float) -> None:
-        self._ask(m.Wait(seconds=seconds))
+        self._ask(partial(ArmDriver.wait, seconds=seconds))
 
     def tare(self) -> None:
-        self._ask(m.Tare())
+        self._ask(ArmDriver.tare)
 
     def clock(self) -> float:
         return self._measure().time_s - self._origin_s
@@ -97,16 +97,16 @@ class UrRobot:
     def freedrive(self, on: bool) -> None:
         """Give way to a hand that leads the arm, or hold it where it is. The next motion, taring
         and a halt end it too."""
-        self._ask(m.Freedrive(on=on))
+        self._ask(partial(ArmDriver.freedrive, on=on))
 
     def weigh(self, lighter_kg: float) -> float:
         """Measure by how much compression changes [m] while the controller believes that the tool
         is so much lighter. Nothing moves; the wrist must hang freely."""
-        return self._ask_for(float, m.Weigh(lighter_kg=lighter_kg))
+        return self._ask(partial(ArmDriver.weigh, lighter_kg=lighter_kg))
 
     def permits(self, pose: Pose) -> bool:
         """Whether the controller's own safety limits let the hinge point be there."""
-        return self._ask_for(bool, m.Permits(pose=pose))
+        return self._ask(partial(ArmDriver.permits, pose=pose))
 
     # --- inside ----------------------------------------------------------------------------------
 
@@ -132,20 +132,15 @@ class UrRobot:
         is_free = min(start.z, end.z) >= free_z
         return (limits.speed_mm_s if is_free else limits.contact_speed_mm_s) * 1e-3
 
-    def _view(self, name: str, at: m.ArmReading) -> View:
+    def _view(self, name: str, at: ArmReading) -> View:
         if name != "side":
             raise RobotFault("camera", f"the cell has no camera '{name}': it has 'side'")
         return self._camera.view(at.time_s, self._origin_s)
 
-    def _measure(self) -> m.ArmReading:
-        return self._ask_for(m.ArmReading, m.Measure())
+    def _measure(self) -> ArmReading:
+        return self._ask(ArmDriver.measure)
 
-    def _ask_for(self, kind: type[T], request: m.Request) -> T:
-        result = self._ask(request)
-        assert isinstance(result, kind)
-        return result
-
-    def _ask(self, request: m.Request) -> m.Result:
+    def _ask(self, request: Request[T]) -> T:
         return self._guarded(lambda: self._driver.ask(request))
 
     def _guarded(self, call: Callable[[], T]) -> T:
