@@ -54,6 +54,9 @@ OBLIQUE_CAMERA_FOVY: Final = 13.0  # [deg] [OWN]
 WIDE_CAMERA_FOVY: Final = 36.0  # [deg] [OWN]
 
 
+UNTOUCHED: Final = {"contype": 0, "conaffinity": 0}  # of a geom that only shows
+
+
 def contact(bits: tuple[int, int]) -> dict[str, object]:
     """A geom's contact parameters, the same for every peg and hole; contype and conaffinity."""
     return {
