@@ -17,6 +17,7 @@ from pliant.emulator.pace import EmulatorPace
 from pliant.emulator.plant import Plant, nominal_payload
 from pliant.emulator.program import Program
 from pliant.errors import InputError
+from pliant.sim.arm import rotation
 from pliant.sim.cell import SimCell
 from pliant.task import load_task
 from pliant.ur5e.protocol import Mode, Pacing
@@ -158,7 +159,7 @@ def test_pressing_on_the_board_shows_as_a_force_up_of_the_wrists_stiffness(
 
 def test_the_payload_is_compensated_at_any_tilt(client: Client) -> None:
     tilt = frames.transform([*client.target()])
-    tilt[:3, :3] = frames.rotation(np.array([math.radians(15), 0.0, 0.0])) @ tilt[:3, :3]
+    tilt[:3, :3] = rotation(np.array([math.radians(15), 0.0, 0.0])) @ tilt[:3, :3]
     assert client.call(MOVE_L, *frames.pose(tilt), 0.1, 0.5)
     client.rest(1.5)
     assert np.linalg.norm(client.force()) < 0.05

@@ -12,8 +12,10 @@ from typing import Protocol
 
 import numpy as np
 
-from pliant.emulator.frames import Array, inverse, rotation, rotation_vector
+from pliant.emulator.frames import Array, inverse
 from pliant.emulator.plant import Plant
+from pliant.sim.arm import rotation, rotation_vector
+from pliant.ur5e.configuration import placed
 
 ROTATION_RADIUS = 0.2  # [m]: a turn by an angle counts as this long an arc
 _DONE = 1e-9  # [m, rad]
@@ -97,9 +99,8 @@ class ToolLine:
 
     def joints(self, s: float, near: Array) -> Array:
         part = s / self.length if self.length else 1.0
-        at = np.eye(4)
-        at[:3, 3] = self._position + part * self._shift
-        at[:3, :3] = self._rotation @ rotation(part * self._turn)
+        facing = self._rotation @ rotation(part * self._turn)
+        at = placed(self._position + part * self._shift, facing)
         return self._plant.solve(at @ self._flange_on_tool, near)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.cell import Truth
 from pliant.conditions import Setup
-from pliant.emulator.frames import Array, cross, inverse, placed
+from pliant.emulator.frames import Array, cross, inverse
 from pliant.emulator.sensor import GRAVITY, SensorPayload
 from pliant.errors import RobotFault
 from pliant.sim import constants as c
@@ -19,6 +19,7 @@ from pliant.sim import model as m
 from pliant.sim import replay
 from pliant.sim.cell import SimCell
 from pliant.task import Task
+from pliant.ur5e.configuration import placed
 
 TICK = c.TIMESTEP  # [s] of the controller: one physics step
 _FLANGE_SITE = "attachment_site"

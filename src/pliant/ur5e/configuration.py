@@ -5,6 +5,7 @@ file, with the unit in the field's name; SI units and radians from the propertie
 """
 
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 from importlib import resources
 from pathlib import Path
@@ -82,11 +83,9 @@ class FrameSettings(Fields):
     @property
     def transform(self) -> Transform:
         """The transform from task to base coordinates."""
-        result = np.eye(4)
         angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
-        result[:3, :3] = rotation_matrix(*map(math.radians, angles))
-        result[:3, 3] = [self.x_mm * 1e-3, self.y_mm * 1e-3, self.z_mm * 1e-3]
-        return result
+        lengths = (self.x_mm, self.y_mm, self.z_mm)
+        return placed([v * 1e-3 for v in lengths], rotation_matrix(*map(math.radians, angles)))
 
 
 class WorkspaceSettings(Fields):
@@ -305,15 +304,19 @@ def _from_folder(configuration: Configuration, folder: Path) -> Configuration:
     return configuration.model_copy(update=changes)
 
 
-# --- poses as the controller writes them ---------------------------------------------------------
+# --- transforms, and poses as the controller writes them -----------------------------------------
+
+
+def placed(position: Sequence[float] | NDArray[Any], rotation: NDArray[Any]) -> Transform:
+    """The transform with a position (3,) and a rotation matrix (3, 3)."""
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = rotation, position
+    return result
 
 
 def transform(pose: list[float]) -> Transform:
     """The transform of a pose (6,): position [m] and rotation vector [rad]."""
-    result = np.eye(4)
-    result[:3, :3] = cv2.Rodrigues(np.asarray(pose[3:], dtype=float))[0]
-    result[:3, 3] = pose[:3]
-    return result
+    return placed(pose[:3], cv2.Rodrigues(np.asarray(pose[3:], dtype=float))[0])
 
 
 def ur_pose(matrix: Transform) -> list[float]:

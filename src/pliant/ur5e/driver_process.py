@@ -22,7 +22,7 @@ from pliant.ur5e import dashboard
 from pliant.ur5e import messages as m
 from pliant.ur5e.arm import ArmClient
 from pliant.ur5e.compression import Compression
-from pliant.ur5e.configuration import Configuration, Transform
+from pliant.ur5e.configuration import Configuration, Transform, placed
 from pliant.ur5e.gripper import GripperClient
 from pliant.ur5e.protocol import CYCLE_S
 from pliant.wrist import Watch, Way, is_straight, toward_tip
@@ -143,7 +143,7 @@ class ArmDriver:
 
     def permits(self, pose: Pose) -> bool:
         """Whether the controller's own safety limits let the arm be there."""
-        return self._here.permits(self._base_of_task @ _transform(pose))
+        return self._here.permits(self._base_of(pose))
 
     def weigh(self, lighter_kg: float) -> float:
         """Measure by how much compression changes [m] while the controller believes in a lighter
@@ -202,7 +202,7 @@ class ArmDriver:
         arm, settings, compression = self._here, self._configuration.arm, self._compression
         stop_m_s2 = settings.stop_mm_s2 * 1e-3
         self.freedrive(False)
-        target = self._base_of_task @ _transform(pose)
+        target = self._base_of(pose)
         earlier = compression.allowance(speed_m_s, stop_m_s2, _LATENCY_S)
         started = self.measure()
         samples = _PeakSamples()
@@ -301,6 +301,10 @@ class ArmDriver:
             compression_sd_m=self._compression.mean_sd,
         )
 
+    def _base_of(self, pose: Pose) -> Transform:
+        """A pose of the task frame, in base coordinates."""
+        return self._base_of_task @ placed(pose.position(), pose.rotation())
+
     def measure(self) -> m.ArmReading:
         """Measure where the arm is now."""
         self._here.check()
@@ -327,9 +331,3 @@ class _PeakSamples(Samples):
         self.peak_m = max(self.peak_m, compression_m)
         if at.time_s >= self.times_s[-1] + _SAMPLE_S - CYCLE_S / 2:
             self.read(at, compression_m)
-
-
-def _transform(pose: Pose) -> Transform:
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = pose.rotation(), pose.position()
-    return result
