@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pliant import tokens
-from pliant.conditions import Condition, Setup, condition
+from pliant.conditions import PAPER_RANGES, Condition, Setup, condition
 from pliant.emulator.emulator import Emulator
 from pliant.emulator.faults import Fault, first_problem
 from pliant.emulator.pace import MOST_SPEED
@@ -57,7 +57,7 @@ class SetUp(_Request):
         Raises:
             InputError: the condition is unknown, a value is out of range, or both are given.
         """
-        values = {name: getattr(self, name) for name in ("friction", "hole_y", "grasp_roll")}
+        values = {name: getattr(self, name) for name in PAPER_RANGES}
         given = {name: (value, value) for name, value in values.items() if value is not None}
         if self.condition is not None and given:
             raise InputError(f"give a condition or {', '.join(given)}, not both")
