@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
 from pliant.conditions import Setup
-from pliant.pose import Axis, Pose
+from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
 from pliant.wrist import SensorAnswer
 
@@ -111,6 +111,18 @@ class Motion:
     def off(self) -> tuple[float, float]:
         """The distance [m] and the angle [rad] from where it was sent to where it ended."""
         return self.commanded.distance_to(self.ended), self.commanded.turn_to(self.ended)
+
+
+def outside(low: Pose, high: Pose, goal: Partial, workspace: str = "the workspace") -> str | None:
+    """The reason why a goal lies outside a workspace from `low` to `high`, or None."""
+    for axis, value in goal.items():
+        if not low[axis] <= value <= high[axis]:
+            least, most = axis.to_report(low[axis]), axis.to_report(high[axis])
+            return (
+                f"{axis} {axis.to_report(value):.1f} {axis.report_unit} is outside {workspace},"
+                f" {least:.1f} to {most:.1f} {axis.report_unit}"
+            )
+    return None
 
 
 def missed(off_m: float, turn: float) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
-from pliant.cell import Motion, Observation, Robot, RobotBehind, missed
+from pliant.cell import Motion, Observation, Robot, RobotBehind, missed, outside
 from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
@@ -41,16 +41,10 @@ class Limits:
     def outside(self, goal: Partial, *, margin: bool = False) -> str | None:
         """The reason why a goal lies outside the workspace, or None. With `margin`, as for goals:
         inside it by so much that a pose measured at the goal is still within it."""
-        for axis, value in goal.items():
-            inset = 0.0 if not margin else 0.01 if axis.is_angle else 0.001
-            low, high = self.low[axis] + inset, self.high[axis] - inset
-            if not low <= value <= high:
-                low, high = axis.to_report(low), axis.to_report(high)
-                return (
-                    f"{axis} {axis.to_report(value):.1f} {axis.report_unit} is outside the"
-                    f" workspace, {low:.1f} to {high:.1f} {axis.report_unit}"
-                )
-        return None
+        inset = {a: 0.0 if not margin else 0.01 if a.is_angle else 0.001 for a in Axis}
+        low = Pose(**{a: self.low[a] + inset[a] for a in Axis})
+        high = Pose(**{a: self.high[a] - inset[a] for a in Axis})
+        return outside(low, high, goal)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -124,7 +124,8 @@ def _attached(where: Where, task: Task) -> Iterator[Robot]:
     with ExitStack() as stack:
         if configuration is None or configuration.emulator is not None:
             cell = where.open()
-            stack.callback(getattr(cell, "close", _nothing))
+            if close := getattr(cell, "close", None):  # a simulated one has nothing to close
+                stack.callback(close)
             robot = cell.prepare(task, Setup(seed=0))
             if configuration is None:
                 yield stack.enter_context(robot)
@@ -145,10 +146,6 @@ def _attached(where: Where, task: Task) -> Iterator[Robot]:
         yield stack.enter_context(UrRobot(configuration, driver, camera, task))
 
 
-def _nothing() -> None:
-    """Do nothing: the cell has nothing to close."""
-
-
 # --- the checks ----------------------------------------------------------------------------------
 
 
@@ -156,8 +153,7 @@ def _arm(where: Where, robot: Robot) -> Iterator[Finding]:
     """The checks that reaching the robot has made already, and that of its payload."""
     configuration = where.configuration
     if configuration is None:
-        for name in _OF_ARM:
-            yield Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
+        yield from map(_simulated, _OF_ARM)
         return
     yield _passed("connection", configuration.arm.address)
     yield _passed("safety status", "normal")
@@ -203,7 +199,7 @@ def _sign(where: Where, robot: Robot) -> Finding:
     stretching."""
     name, configuration = "wrist sign", where.configuration
     if configuration is None or not isinstance(robot, _Weighing):
-        return Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
+        return _simulated(name)
     lighter_kg = min(_LIGHTER_KG, configuration.payload.mass_kg / 2)
     stretched = lighter_kg * _GRAVITY / (configuration.wrist.stiffness_n_mm * 1e3)
     felt = -robot.weigh(lighter_kg)
@@ -248,7 +244,7 @@ def _permitted(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
     line for each at which it would not."""
     name = "safety limits"
     if not isinstance(robot, _Limited):
-        yield Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
+        yield _simulated(name)
         return
     try:
         commanded = _commanded(where, task)
@@ -282,15 +278,11 @@ def _goals(where: Where, task: Task) -> Finding:
         commanded = _commanded(where, task)
     except InputError as error:
         return _judged("goals", False, str(error))
-    outside = [line for line in commanded if _is_outside(line, where)]
+    outside = [line for line in commanded if line.problem is not None]
     found = f"{'the shipped ones' if path is None else path}, {len(commanded)} poses"
     if outside:
         found = f"{outside[0].formation}: {outside[0].problem}"
     return _judged("goals", not outside, found)
-
-
-def _is_outside(line: Commanded, where: Where) -> bool:
-    return where.limits.outside({axis: line.pose[axis] for axis in Axis}) is not None
 
 
 # --- inside --------------------------------------------------------------------------------------
@@ -341,6 +333,10 @@ def _passed(name: str, found: str) -> Finding:
 def _judged(name: str, good: bool, found: str) -> Finding:
     state = CheckState.PASS if good else CheckState.FAIL
     return Finding(check=name, state=state, found=found, advice="" if good else _ADVICE[name])
+
+
+def _simulated(name: str) -> Finding:
+    return Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
 
 
 def _unknown(name: str, found: str) -> Finding:

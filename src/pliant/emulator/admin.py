@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from pliant import tokens
 from pliant.conditions import PAPER_RANGES, Condition, Setup, condition
@@ -17,14 +17,13 @@ from pliant.emulator.emulator import Emulator
 from pliant.emulator.faults import Fault, first_problem
 from pliant.emulator.pace import MOST_SPEED
 from pliant.errors import InputError, PliantError
+from pliant.files import Fields
 from pliant.ur5e.protocol import Pacing
 
 _MOST_LINE = 1 << 16  # [bytes]
 
 
-class _Request(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class _Request(Fields):
     token: str = ""
 
 

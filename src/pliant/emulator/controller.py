@@ -11,7 +11,7 @@ import numpy as np
 from pliant.console import complain
 from pliant.emulator.frames import Array, inverse
 from pliant.emulator.gripper import EmulatedGripper
-from pliant.emulator.motion import EmulatedMotion, Hold
+from pliant.emulator.motion import EmulatedMotion
 from pliant.emulator.plant import TICK, Plant
 from pliant.emulator.sensor import ForceSensor, SensorPayload
 from pliant.errors import RobotFault
@@ -100,7 +100,7 @@ class Controller:
         self._fed_tick = 0
         self.q = plant.home  # commanded
         self.qd = np.zeros(6)
-        self.motion: EmulatedMotion = Hold(self.q)
+        self.motion = EmulatedMotion(self.q)
         self._read()
 
     # --- time ------------------------------------------------------------------------------------
@@ -145,15 +145,14 @@ class Controller:
     def _next(self) -> Array:
         try:
             q = self.motion.step(TICK, self.speed_slider)
+            if not np.abs(q).max() > _JOINT_LIMIT:
+                return q
+            why = "a joint is at its limit"
         except RobotFault as fault:
-            self.motion = Hold(self.q)
-            self.protective_stop(str(fault))
-            return self.q
-        if np.abs(q).max() > _JOINT_LIMIT:
-            self.motion = Hold(self.q)
-            self.protective_stop("a joint is at its limit")
-            return self.q
-        return q
+            why = str(fault)
+        self.motion = EmulatedMotion(self.q)
+        self.protective_stop(why)
+        return self.q
 
     def _read(self) -> None:
         self.sensor.read(self.plant.force, self.plant.torque, self.plant.flange[:3, :3])
@@ -166,7 +165,7 @@ class Controller:
         gripper."""
         self.q = self.plant.home
         self.qd = np.zeros(6)
-        self.motion = Hold(self.q)
+        self.motion = EmulatedMotion(self.q)
         self.gripper.grip()
         self._began_tick = self.ticks
         self._read()

@@ -74,15 +74,12 @@ class Options:
         ):
             if not 0.0 < value <= most:
                 raise InputError(f"{name} {value:g}: it must be above 0 and at most {most:g}")
-        if not 0.0 <= self.client_patience <= faults.MOST_WAIT_S:
-            raise InputError(
-                f"client-patience {self.client_patience:g} s: it must be 0 to"
-                f" {faults.MOST_WAIT_S:g} s"
-            )
-        if not 0.0 <= self.force_noise <= faults.MOST_NOISE:
-            raise InputError(
-                f"force-noise {self.force_noise:g} N: it must be 0 to {faults.MOST_NOISE:g} N"
-            )
+        for name, value, most, unit in (
+            ("client-patience", self.client_patience, faults.MOST_WAIT_S, "s"),
+            ("force-noise", self.force_noise, faults.MOST_NOISE, "N"),
+        ):
+            if not 0.0 <= value <= most:
+                raise InputError(f"{name} {value:g} {unit}: it must be 0 to {most:g} {unit}")
         if self.box is not None and any(
             not low < high for low, high in zip(self.box[:3], self.box[3:], strict=True)
         ):

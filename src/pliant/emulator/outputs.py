@@ -34,14 +34,6 @@ _POWER_ON, _PROGRAM_RUNNING = 1, 2  # robot status bits
 _JOINT_RUNNING = (253,) * 6
 
 
-def _tool_pose(c: Controller) -> Value:
-    return frames.pose(c.tool_pose())
-
-
-def _tool_target(c: Controller) -> Value:
-    return frames.pose(c.tool_target())
-
-
 def _tool_speed(c: Controller) -> Value:
     linear, angular = c.plant.flange_velocity()
     lever = c.plant.flange[:3, :3] @ c.tool[:3, 3]
@@ -75,10 +67,10 @@ VARIABLES: dict[str, tuple[str, Getter]] = {
     "actual_current_as_torque": ("VECTOR6D", lambda c: c.plant.joint_torques),
     "actual_moment": ("VECTOR6D", lambda c: c.plant.joint_torques),
     "joint_control_output": ("VECTOR6D", _constant(_ZEROS)),
-    "actual_TCP_pose": ("VECTOR6D", _tool_pose),
+    "actual_TCP_pose": ("VECTOR6D", lambda c: frames.pose(c.tool_pose())),
     "actual_TCP_speed": ("VECTOR6D", _tool_speed),
     "actual_TCP_force": ("VECTOR6D", _tool_force),
-    "target_TCP_pose": ("VECTOR6D", _tool_target),
+    "target_TCP_pose": ("VECTOR6D", lambda c: frames.pose(c.tool_target())),
     "target_TCP_speed": ("VECTOR6D", _constant(_ZEROS)),
     "actual_digital_input_bits": ("UINT64", _constant(0)),
     "joint_temperatures": ("VECTOR6D", _constant((30.0,) * 6)),
@@ -111,14 +103,10 @@ VARIABLES: dict[str, tuple[str, Getter]] = {
 }
 
 
-def _int_register(index: int) -> Getter:
-    return lambda c: c.registers.out_int[index]
+def _register(kind: str, index: int) -> Getter:
+    return lambda c: getattr(c.registers, f"out_{kind}")[index]
 
 
-def _double_register(index: int) -> Getter:
-    return lambda c: c.registers.out_double[index]
-
-
-for _index in range(REGISTERS):
-    VARIABLES[f"output_int_register_{_index}"] = ("INT32", _int_register(_index))
-    VARIABLES[f"output_double_register_{_index}"] = ("DOUBLE", _double_register(_index))
+for _kind, _type in (("int", "INT32"), ("double", "DOUBLE")):
+    for _index in range(REGISTERS):
+        VARIABLES[f"output_{_kind}_register_{_index}"] = (_type, _register(_kind, _index))

@@ -105,12 +105,9 @@ class UrCell:
 
     def close(self) -> None:
         """Halt and disconnect."""
-        if self._driver is not None:
-            self._driver.close()
-        if self._camera is not None:
-            self._camera.close()
-        if self._admin is not None:
-            self._admin.close()
+        for part in (self._driver, self._camera, self._admin):
+            if part is not None:
+                part.close()
 
     def __enter__(self) -> Self:
         return self

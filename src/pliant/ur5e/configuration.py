@@ -42,21 +42,26 @@ class ArmSettings(Fields):
     watchdog_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
 
 
-class TcpSettings(Fields):
-    """The wrist's hinge point on the flange, as on the pendant: the rotation is a vector."""
-
+class _Place(Fields):
     x_mm: Length
     y_mm: Length
     z_mm: Length
+
+    @property
+    def position(self) -> list[float]:  # (3,) [m]
+        return [v * 1e-3 for v in (self.x_mm, self.y_mm, self.z_mm)]
+
+
+class TcpSettings(_Place):
+    """The wrist's hinge point on the flange, as on the pendant: the rotation is a vector."""
+
     rx_deg: Angle
     ry_deg: Angle
     rz_deg: Angle
 
     @property
     def pose(self) -> list[float]:  # (6,) [m, rad] as UR writes poses
-        lengths = (self.x_mm, self.y_mm, self.z_mm)
-        angles = (self.rx_deg, self.ry_deg, self.rz_deg)
-        return [v * 1e-3 for v in lengths] + [math.radians(v) for v in angles]
+        return self.position + [math.radians(v) for v in (self.rx_deg, self.ry_deg, self.rz_deg)]
 
 
 class PayloadSettings(Fields):
@@ -70,12 +75,9 @@ class PayloadSettings(Fields):
         return [v * 1e-3 for v in self.center_mm]
 
 
-class FrameSettings(Fields):
+class FrameSettings(_Place):
     """The task frame in the arm's base frame."""
 
-    x_mm: Length
-    y_mm: Length
-    z_mm: Length
     roll_deg: Angle = 0.0
     pitch_deg: Angle = 0.0
     yaw_deg: Angle = 0.0
@@ -84,8 +86,7 @@ class FrameSettings(Fields):
     def transform(self) -> Transform:
         """The transform from task to base coordinates."""
         angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
-        lengths = (self.x_mm, self.y_mm, self.z_mm)
-        return placed([v * 1e-3 for v in lengths], rotation_matrix(*map(math.radians, angles)))
+        return placed(self.position, rotation_matrix(*map(math.radians, angles)))
 
 
 class WorkspaceSettings(Fields):

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -50,13 +51,7 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = ADMIN_PORT) -
         {
             "arm": {"address": address, "watchdog_hz": 10 if is_lockstep else 2},
             "tcp": _millimetres(x, y, z)
-            | dict(
-                zip(
-                    ("rx_deg", "ry_deg", "rz_deg"),
-                    (_round(math.degrees(v)) for v in turn),
-                    strict=True,
-                )
-            ),
+            | dict(zip(("rx_deg", "ry_deg", "rz_deg"), _degrees(turn), strict=True)),
             "payload": {
                 "mass_kg": payload["mass_kg"],
                 "center_mm": [_round(v * 1e3) for v in payload["centre_on_flange_m"]],
@@ -78,9 +73,7 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = ADMIN_PORT) -
                 "height": side["height"],
                 "focal_px": _round(side["focal_px"]),
                 "position_mm": [_round(v * 1e3) for v in side["position"]],
-                "rotation_deg": [
-                    _round(math.degrees(v)) for v in angles_from(np.array(side["rotation"]))
-                ],
+                "rotation_deg": _degrees(angles_from(np.array(side["rotation"]))),
             },
             "patience": _LOCKSTEP if is_lockstep else _REAL_TIME,
             "emulator": {"admin_port": admin_port},
@@ -90,6 +83,10 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = ADMIN_PORT) -
 
 def _millimetres(x: float, y: float, z: float) -> dict[str, float]:
     return {"x_mm": _round(x * 1e3), "y_mm": _round(y * 1e3), "z_mm": _round(z * 1e3)}
+
+
+def _degrees(angles: Iterable[float]) -> list[float]:
+    return [_round(math.degrees(v)) for v in angles]
 
 
 def _round(value: float) -> float:

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Self, TypeVar
 
 from pliant import signals
-from pliant.cell import Motion, Observation, Stop, View
+from pliant.cell import Motion, Observation, Stop, View, outside
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
 from pliant.task import Task
@@ -112,18 +112,11 @@ class UrRobot:
 
     def _check_workspace(self, pose: Pose) -> None:
         workspace = self.configuration.workspace
-        for axis in Axis:
-            low, high = workspace.low[axis], workspace.high[axis]
-            if not low <= pose[axis] <= high:
-                low, high = axis.to_report(low), axis.to_report(high)
-                self.halt()
-                raise self._kept(
-                    RobotFault(
-                        "safety_limits",
-                        f"{axis} {axis.to_report(pose[axis]):.1f} {axis.report_unit} is outside the"
-                        f" cell's workspace, {low:.1f} to {high:.1f} {axis.report_unit}",
-                    )
-                )
+        goal = {axis: pose[axis] for axis in Axis}
+        problem = outside(workspace.low, workspace.high, goal, "the cell's workspace")
+        if problem is not None:
+            self.halt()
+            raise self._kept(RobotFault("safety_limits", problem))
 
     def _fastest(self, start: Pose, end: Pose) -> float:
         """The highest speed [m/s], by whether the peg may touch the board on the way."""
