@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError, RobotFault
-from pliant.ur5e.camera import Picture, open_camera
+from pliant.pictures import Picture
+from pliant.ur5e.camera import open_camera
 from pliant.ur5e.configuration import CameraSettings
 from pliant.ur5e.protocol import TIME_HEADER
 

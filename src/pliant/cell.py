@@ -20,6 +20,8 @@ from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
 from pliant.wrist import SensorAnswer
 
+HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial
+
 
 def _array_from(value: Any) -> NDArray[np.float64]:
     try:

@@ -239,18 +239,14 @@ def _stream(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
-def _paper(name: str, *quantities: str) -> Condition:
-    return Condition(name=name, ranges={q: PAPER_RANGES[q] for q in quantities})
-
-
 CONDITIONS: Mapping[str, Condition] = {
-    c.name: c
-    for c in (
-        _paper("none"),
-        _paper("friction", "friction"),
-        _paper("pose", "hole_y", "grasp_roll"),
-        _paper("all", "friction", "hole_y", "grasp_roll"),
-    )
+    name: Condition(name=name, ranges={q: PAPER_RANGES[q] for q in drawn})
+    for name, drawn in {
+        "none": (),
+        "friction": ("friction",),
+        "pose": ("hole_y", "grasp_roll"),
+        "all": tuple(PAPER_RANGES),
+    }.items()
 }
 
 

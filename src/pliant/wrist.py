@@ -19,6 +19,7 @@ from pliant.pose import Pose
 
 Vector = NDArray[np.float64]  # (3,)
 
+GRAVITY = 9.81  # [m/s2]
 LIMIT_M = 0.020
 """The limit of the wrist that the paper's simulator has, pressed or stretched [m]."""
 

@@ -25,6 +25,7 @@ from pliant.pose import Axis, Pose, describe
 from pliant.task import Task
 from pliant.vision.measure import measure
 from pliant.vision.scene import PegSeen, Scene
+from pliant.wrist import GRAVITY
 
 DRIFT_M = 0.0005  # of the tared compression
 PAYLOAD_N = 15.0  # felt along the wrist before taring: more is not the sensor's drift
@@ -33,7 +34,6 @@ HOLE_M = 0.03  # from its nominal place: further than any condition of the paper
 _UPRIGHT = math.radians(2.0)  # of the flange, for the peg's place to be known
 _DRIFT_S = 3.0
 _READINGS = 10
-_GRAVITY = 9.81
 _LIGHTER_KG = 0.3  # than the tool is, for the wrist's sign
 WEIGHT_FELT = (0.5, 1.5)  # of what that is: rough, since only the sign is asked for
 
@@ -201,7 +201,7 @@ def _sign(where: Where, robot: Robot) -> Finding:
     if configuration is None or not isinstance(robot, _Weighing):
         return _simulated(name)
     lighter_kg = min(_LIGHTER_KG, configuration.payload.mass_kg / 2)
-    stretched = lighter_kg * _GRAVITY / (configuration.wrist.stiffness_n_mm * 1e3)
+    stretched = lighter_kg * GRAVITY / (configuration.wrist.stiffness_n_mm * 1e3)
     felt = -robot.weigh(lighter_kg)
     found = (
         f"{lighter_kg:g} kg of the tool stretch by {felt * 1e3:+.1f} of {stretched * 1e3:.1f} mm"
@@ -305,10 +305,10 @@ def _sag(where: Where, task: Task) -> float:
     """The distance [m] that the tool hangs below the unsprung wrist."""
     given = where.configuration
     if given is not None:
-        return given.payload.mass_kg * _GRAVITY / (given.wrist.stiffness_n_mm * 1e3)
+        return given.payload.mass_kg * GRAVITY / (given.wrist.stiffness_n_mm * 1e3)
     from pliant.sim import constants
 
-    return (constants.GRIPPER_MASS + constants.PEG_MASS) * _GRAVITY / task.wrist.stiffness_z
+    return (constants.GRIPPER_MASS + constants.PEG_MASS) * GRAVITY / task.wrist.stiffness_z
 
 
 def _width(peg: PegSeen, task: Task, observation: Observation) -> float:

@@ -14,7 +14,7 @@ from pliant import tokens
 from pliant.conditions import condition
 from pliant.emulator import admin, faults
 from pliant.emulator.block import Block
-from pliant.emulator.camera import CameraProcess
+from pliant.emulator.camera import camera_process
 from pliant.emulator.emulator import Emulator, Options
 from pliant.emulator.gripper import REFUSED
 from pliant.emulator.plant import Plant
@@ -38,25 +38,25 @@ async def serve(options: Options, say: Callable[[str], None]) -> None:
     task, setup = load_task(options.peg), condition(options.condition).draw(options.seed)
     with contextlib.closing(Block()) as block:
         block.set_up(options.peg, setup)
-        with CameraProcess(options.host, options.camera_port, block.name) as camera:
+        with camera_process(options.host, options.camera_port, block.name) as drawn:
             emulated = Emulator(options, Plant(task, setup), block, schedule)  # side by side
-            await _run(emulated, camera, say)
+            await _run(emulated, drawn, say)
 
 
-async def _run(emulator: Emulator, camera: CameraProcess, say: Callable[[str], None]) -> None:
+async def _run(emulator: Emulator, drawn: Callable[[], None], say: Callable[[str], None]) -> None:
     loop, options = asyncio.get_running_loop(), emulator.options
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, emulator.stop)
     await _open(emulator)
     emulator.token = tokens.make(options.host, options.admin_port)
     try:
-        await _serve(emulator, camera, say)
+        await _serve(emulator, drawn, say)
     finally:
         tokens.remove(options.host, options.admin_port)
 
 
-async def _serve(emulator: Emulator, camera: CameraProcess, say: Callable[[str], None]) -> None:
-    await asyncio.to_thread(camera.wait)
+async def _serve(emulator: Emulator, drawn: Callable[[], None], say: Callable[[str], None]) -> None:
+    await asyncio.to_thread(drawn)
     gc.freeze()  # models and libraries: nothing that the collector need visit again
     tasks = [asyncio.create_task(job) for job in _jobs(emulator)]
     say(_greeting(emulator))

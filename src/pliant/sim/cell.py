@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.cell import Motion, Observation, Samples, Stop, Truth, View, missed
+from pliant.cell import HOME_ABOVE_BOARD, Motion, Observation, Samples, Stop, Truth, View, missed
 from pliant.conditions import Setup
 from pliant.errors import RobotFault
 from pliant.pose import Pose, angles_from, pose_from
@@ -147,7 +147,7 @@ class SimRobot:
         self._feed = Feed(self.setup)
         self._sag = np.zeros(len(self.arm.qpos))  # [rad] set points less joint angles, at rest
         self._controls = 0
-        self._commanded = Pose(z=task.tip_below_hinge + c.HOME_ABOVE_BOARD)
+        self._commanded = Pose(z=task.tip_below_hinge + HOME_ABOVE_BOARD)
         self._home = self.arm.solve(
             self._commanded.position(), self._commanded.rotation(), np.array(HOME_GUESS)
         )
@@ -162,7 +162,7 @@ class SimRobot:
         mujoco.mj_resetData(model, data)
         self.setup = setup
         apply(model, setup)
-        self._commanded = Pose(z=self.task.tip_below_hinge + c.HOME_ABOVE_BOARD)
+        self._commanded = Pose(z=self.task.tip_below_hinge + HOME_ABOVE_BOARD)
         self._q = self._home
         data.qpos[self.arm.qpos] = self._home
         data.ctrl[:] = self._home

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol, Self
 
-from pliant.cell import Truth
+from pliant.cell import HOME_ABOVE_BOARD, Truth
 from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
 from pliant.network import open_directly
@@ -23,7 +23,6 @@ from pliant.ur5e.driver import Driver
 from pliant.ur5e.driver_process import ArmDriver
 from pliant.ur5e.robot import UrRobot
 
-HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial; as in the simulated cell
 _HOME_SPEED = 0.05  # [m/s]
 _FIRST_S = 30.0  # for an emulated camera's first picture
 _SETTLE_S = 1.5  # the tool swings after a motion

@@ -71,7 +71,7 @@ class Driver:
         """Say goodbye and end the process."""
         if self.is_usable:
             try:
-                self._pipe.send(m.Close())
+                self._pipe.send(m.Word.CLOSE)
             except OSError:
                 self.fault = RobotFault("driver", "the arm's driver has ended")
         self._process.join(_ENDING_S)

@@ -9,7 +9,6 @@ import contextlib
 import math
 import os
 import time
-from dataclasses import replace
 from multiprocessing.connection import Connection
 
 import numpy as np
@@ -45,7 +44,7 @@ def serve(pipe: Connection, configuration: Configuration) -> None:
     """Do requests until the other side says goodbye or is gone."""
     signals.ignore()  # they are for the trial, which has the arm halted here
     driver = ArmDriver(pipe, configuration)
-    _say(pipe, m.Alive())  # Python and the libraries have taken their time
+    _say(pipe, m.Word.ALIVE)  # Python and the libraries have taken their time
     try:
         driver.serve()
     except RobotFault as fault:
@@ -85,7 +84,7 @@ class ArmDriver:
                 self._watch()
             request = self._pipe.recv()
             self._said_s = time.monotonic()
-            if isinstance(request, m.Close):
+            if request is m.Word.CLOSE:
                 if self._arm is not None:
                     self._come_to_rest()
                     self._arm.disconnect()
@@ -269,7 +268,7 @@ class ArmDriver:
         now = time.monotonic()
         if now - self._said_s > _ALIVE_S:
             self._said_s = now
-            self._pipe.send(m.Alive())
+            self._pipe.send(m.Word.ALIVE)
         if self._pipe.poll():
             said = self._pipe.recv()
             why = said.why if isinstance(said, m.Interrupt) else ""
@@ -287,8 +286,7 @@ class ArmDriver:
         pose = arm.pose()
         self._compression.read(arm.time_s(), arm.force(), pose[:3, :3])
         if self._is_tared:
-            along_m = self._wrist.along(pose[:3, 3])
-            self._wrist.read(replace(self._compression.reading, along_m=along_m))
+            self._wrist.read(self._compression.reading(self._wrist.along(pose[:3, 3])))
         if self._gripper is not None:
             self._gripper.poll()
 

@@ -4,6 +4,7 @@ A request is a call of one of the driver's own methods (`driver_process.ArmDrive
 """
 
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Any
 
 from pliant.cell import Trace
@@ -18,9 +19,11 @@ class Interrupt:
     why: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Close:
-    """Say goodbye."""
+class Word(Enum):
+    """What is said without anything more."""
+
+    CLOSE = auto()  # goodbye
+    ALIVE = auto()  # the driver works on the request
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,11 +46,6 @@ class Moved:
     ended: ArmReading
     trace: Trace  # on the controller's clock
     answer: SensorAnswer | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Alive:
-    """Sign of life: the driver works on the request."""
 
 
 @dataclass(frozen=True, kw_only=True)
