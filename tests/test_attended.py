@@ -15,8 +15,7 @@ import pytest
 
 from pliant import store
 from pliant.cell import Truth
-from pliant.commissioning.attending import Attending
-from pliant.commissioning.operator import AtTerminal
+from pliant.commissioning.attending import Attending, AtTerminal
 from pliant.conditions import NOMINAL, Setup
 from pliant.console import Console
 from pliant.errors import InputError, RobotFault

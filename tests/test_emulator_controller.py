@@ -11,13 +11,16 @@ import pytest
 
 from pliant.conditions import Setup
 from pliant.emulator import faults, frames
-from pliant.emulator.controller import Controller, Mode, Runtime, Safety, SafetyLimits
+from pliant.emulator.controller import Controller, Runtime, Safety, SafetyLimits
 from pliant.emulator.frames import Array
-from pliant.emulator.pace import EmulatorPace, Pacing
+from pliant.emulator.pace import EmulatorPace
 from pliant.emulator.plant import Plant, nominal_payload
+from pliant.emulator.program import Program
 from pliant.errors import InputError
+from pliant.sim.arm import rotation
 from pliant.sim.cell import SimCell
 from pliant.task import load_task
+from pliant.ur5e.protocol import Mode, Pacing
 
 MOVE_L, MOVE_J, ZERO_FT, PAYLOAD, SET_TCP = 3, 1, 8, 17, 29
 STOP_L, WATCHDOG, SAFE_POSE, INVERSE, FREEDRIVE, FREEDRIVE_STATUS, FORCE_MODE = (
@@ -88,7 +91,7 @@ def client() -> Client:
     """A playing controller, tool and payload set, tared, at home."""
     PLANT.prepare(TASK, Setup(seed=0))
     client = Client(Controller(PLANT, SafetyLimits()))
-    client.controller.play(())
+    client.controller.play(Program)
     client.call(SET_TCP, *frames.pose(PLANT.hinge_on_flange))
     client.call(PAYLOAD, PAYLOAD_OF_TASK.mass, *PAYLOAD_OF_TASK.centre)
     client.call(ZERO_FT)
@@ -156,7 +159,7 @@ def test_pressing_on_the_board_shows_as_a_force_up_of_the_wrists_stiffness(
 
 def test_the_payload_is_compensated_at_any_tilt(client: Client) -> None:
     tilt = frames.transform([*client.target()])
-    tilt[:3, :3] = frames.rotation(np.array([math.radians(15), 0.0, 0.0])) @ tilt[:3, :3]
+    tilt[:3, :3] = rotation(np.array([math.radians(15), 0.0, 0.0])) @ tilt[:3, :3]
     assert client.call(MOVE_L, *frames.pose(tilt), 0.1, 0.5)
     client.rest(1.5)
     assert np.linalg.norm(client.force()) < 0.05
@@ -175,7 +178,7 @@ def test_the_arm_rests_within_a_tenth_of_a_second_after_a_protective_stop(client
     client.rest(0.5)
     assert np.linalg.norm((client.pose() - at)[:3]) < 1e-4
     assert client.controller.runtime is Runtime.STOPPED
-    client.controller.play(())
+    client.controller.play(Program)
     assert client.controller.runtime is Runtime.STOPPED  # nothing plays before it is unlocked
 
 
@@ -193,7 +196,7 @@ def test_an_emergency_stop_takes_power_and_brakes_to_undo(client: Client) -> Non
     client.controller.release_brakes()
     assert client.controller.mode is Mode.POWER_OFF
     client.controller.restore()
-    client.controller.play(())
+    client.controller.play(Program)
     assert client.controller.runtime is Runtime.PLAYING
 
 
@@ -267,7 +270,7 @@ def test_a_new_trial_is_the_one_that_the_simulated_cell_prepares(client: Client)
 def test_the_clock_stands_still_without_credit_and_commands_are_answered() -> None:
     PLANT.prepare(TASK, Setup(seed=0))
     controller = Controller(PLANT, SafetyLimits())
-    controller.play(())
+    controller.play(Program)
     published: list[float] = []
     pace = EmulatorPace(controller, lambda always: published.append(controller.time_s))
     pace.set(Pacing.LOCKSTEP, 1.0)

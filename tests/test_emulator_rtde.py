@@ -256,7 +256,7 @@ def test_the_camera_reads_what_the_controller_wrote() -> None:
         assert (state.time_s, state.peg, state.setup) == (1.25, "square", setup)
         assert state.fault is CameraFault.FROZEN
         np.testing.assert_array_equal(state.qpos, np.arange(10.0))
-        mine._begin()
+        mine.writing().__enter__()
         with pytest.raises(TimeoutError):
             other.read()
     finally:

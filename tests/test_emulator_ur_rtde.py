@@ -20,14 +20,17 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
+from pliant.cell import Camera
 from pliant.conditions import Setup, condition
-from pliant.emulator.camera import TIME_HEADER, described
 from pliant.emulator.client import Admin, started
 from pliant.errors import InputError
 from pliant.sim.cell import SimCell
 from pliant.task import load_task
+from pliant.ur5e.protocol import TIME_HEADER
 
+CAMERAS = TypeAdapter(list[Camera])
 pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs the extra 'ur5e'"),
@@ -270,7 +273,9 @@ def test_a_trial_begins_as_the_simulated_cell_prepares_it(
     assert time_s == pytest.approx(emulator.ask("state")["time_s"])
     expected = robot.observe().views["side"]
     assert np.mean(np.abs(picture.astype(int) - expected.image)) < 0.5
-    (side, *_) = described(urllib.request.urlopen(f"http://{HOST}:30101/cameras.json").read())
+    (side, *_) = CAMERAS.validate_json(
+        urllib.request.urlopen(f"http://{HOST}:30101/cameras.json").read()
+    )
     np.testing.assert_allclose(side.position, expected.camera.position, atol=1e-6)
     assert side.focal_px == pytest.approx(expected.camera.focal_px)
 

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError, RobotFault
-from pliant.ur5e.camera import TIME_HEADER, Picture, open_camera
+from pliant.pictures import Picture
+from pliant.ur5e.camera import open_camera
 from pliant.ur5e.configuration import CameraSettings
+from pliant.ur5e.protocol import TIME_HEADER
 
 WIDTH, HEIGHT = 160, 120
 PATIENCE_S = 1.0

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from pliant.errors import InputError
-from pliant.ur5e.pace import AdminPort, Lockstep, Stalled
+from pliant.ur5e.admin_port import AdminPort
+from pliant.ur5e.pace import Lockstep, Stalled
 
 
 class Emulator:

@@ -4,6 +4,7 @@
 same six calls. `Workcell` prepares trials and knows the truth: only experiments hold one.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
 from pliant.conditions import Setup
-from pliant.pose import Pose
+from pliant.pose import Axis, Partial, Pose
 from pliant.task import Task
 from pliant.wrist import SensorAnswer
+
+HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial
 
 
 def _array_from(value: Any) -> NDArray[np.float64]:
@@ -71,6 +74,27 @@ class Trace:
     compression_m: Array  # (n,) from free hang
 
 
+class Samples:
+    """A trace while it is being taken."""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+        self._poses: list[list[float]] = []
+        self._compressions_m: list[float] = []
+
+    def take(self, time_s: float, pose: Pose, compression_m: float) -> None:
+        self.times_s.append(time_s)
+        self._poses.append([pose[axis] for axis in Axis])
+        self._compressions_m.append(compression_m)
+
+    def trace(self) -> Trace:
+        return Trace(
+            time_s=np.array(self.times_s),
+            pose=np.array(self._poses),
+            compression_m=np.array(self._compressions_m),
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
     """One straight motion: the pose asked for, the one commanded, and where it ended."""
@@ -89,6 +113,23 @@ class Motion:
     def off(self) -> tuple[float, float]:
         """The distance [m] and the angle [rad] from where it was sent to where it ended."""
         return self.commanded.distance_to(self.ended), self.commanded.turn_to(self.ended)
+
+
+def outside(low: Pose, high: Pose, goal: Partial, workspace: str = "the workspace") -> str | None:
+    """The reason why a goal lies outside a workspace from `low` to `high`, or None."""
+    for axis, value in goal.items():
+        if not low[axis] <= value <= high[axis]:
+            least, most = axis.to_report(low[axis]), axis.to_report(high[axis])
+            return (
+                f"{axis} {axis.to_report(value):.1f} {axis.report_unit} is outside {workspace},"
+                f" {least:.1f} to {most:.1f} {axis.report_unit}"
+            )
+    return None
+
+
+def missed(off_m: float, turn: float) -> str:
+    """Say that a motion ended so far [m, rad] from where it was sent."""
+    return f"a motion ended {off_m * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -180,6 +221,36 @@ class Robot(Protocol):
     def halt(self) -> None:
         """Stop the arm where it is, now."""
         ...
+
+
+class RobotBehind:
+    """A robot behind another one, which passes on what is asked of it: all but `move_to`, which
+    whoever derives from it says."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    def __enter__(self) -> Self:
+        self._robot.__enter__()
+        return self
+
+    def __exit__(self, *ended: Any) -> None:
+        self._robot.__exit__(*ended)
+
+    def settle(self, seconds: float) -> None:
+        self._robot.settle(seconds)
+
+    def tare(self) -> None:
+        self._robot.tare()
+
+    def clock(self) -> float:
+        return self._robot.clock()
+
+    def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
+        return self._robot.observe(cameras)
+
+    def halt(self) -> None:
+        self._robot.halt()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,8 @@ side and never reaches a method (Sec. VI-A, "Randomized conditions").
 import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -17,14 +18,14 @@ from pliant.pose import Axis
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """A quantity that can be drawn: its nominal value, the range that can be simulated, the axis
-    whose unit it has (None: a bare number, or the `symbol` of what it counts), and what it is. Of a
-    `two_sided` one the size is drawn from a range, and its sign besides."""
+    """A quantity that can be drawn: the range that can be simulated, the axis whose unit it has
+    (None: a bare number, or the `symbol` of what it counts), what it is, and its nominal value. Of
+    a `two_sided` one the size is drawn from a range, and its sign besides."""
 
-    nominal: float
     valid: tuple[float, float]
     unit: Axis | None
     meaning: str
+    nominal: float = 0.0
     two_sided: bool = False
     symbol: str = ""
 
@@ -39,75 +40,113 @@ class Quantity:
 _MM, _DEG = Axis.Y, Axis.ROLL  # any axis with that unit
 
 
-def _length(most: float, meaning: str, *, two_sided: bool = False) -> Quantity:
-    low = 0.0 if two_sided else -most
-    return Quantity(nominal=0.0, valid=(low, most), unit=_MM, meaning=meaning, two_sided=two_sided)
+def _quantity(low: float, high: float, meaning: str, unit: Axis | None = None, **other: Any) -> Any:
+    """The field of `Setup` for a quantity that can be simulated from `low` to `high`."""
+    quantity = Quantity(valid=(low, high), unit=unit, meaning=meaning, **other)
+    return field(default=quantity.nominal, metadata={"quantity": quantity})
 
 
-def _angle(most_deg: float, meaning: str, *, two_sided: bool = False) -> Quantity:
+def _length(most: float, meaning: str, *, two_sided: bool = False) -> Any:
+    return _quantity(0.0 if two_sided else -most, most, meaning, _MM, two_sided=two_sided)
+
+
+def _angle(most_deg: float, meaning: str, *, two_sided: bool = False) -> Any:
     most = math.radians(most_deg)
-    low = 0.0 if two_sided else -most
-    return Quantity(nominal=0.0, valid=(low, most), unit=_DEG, meaning=meaning, two_sided=two_sided)
+    return _quantity(0.0 if two_sided else -most, most, meaning, _DEG, two_sided=two_sided)
 
 
-def _share(meaning: str) -> Quantity:
-    return Quantity(nominal=0.0, valid=(0.0, 1.0), unit=None, meaning=meaning)
+def _size(most: float, meaning: str) -> Any:
+    return _quantity(0.0, most, meaning, _MM)
 
 
-def _flag(meaning: str) -> Quantity:
+def _share(meaning: str) -> Any:
+    return _quantity(0.0, 1.0, meaning)
+
+
+def _flag(meaning: str) -> Any:
     return _share(f"above 0.5: {meaning}")
 
 
-def _size(most: float, meaning: str) -> Quantity:
-    return Quantity(nominal=0.0, valid=(0.0, most), unit=_MM, meaning=meaning)
+def _factor(low: float, high: float, meaning: str) -> Any:
+    return _quantity(low, high, meaning, nominal=1.0)
 
 
-def _factor(low: float, high: float, meaning: str) -> Quantity:
-    return Quantity(nominal=1.0, valid=(low, high), unit=None, meaning=meaning)
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """The actual value in one trial of every quantity that may differ from plan [m, rad, s, 1]; the
+    first three are the paper's. Ground truth: it stays on the experiment's side."""
+
+    seed: int
+    friction: float = _factor(0.05, 20.0, "the hole's friction, as a factor on the nominal")
+    hole_y: float = _length(0.04, "the hole's centre along y")
+    grasp_roll: float = _angle(15, "the peg's angle in the grasp about x")
+    hole_x: float = _length(0.02, "the hole's centre along x")
+    board_z: float = _length(0.02, "the board's surface above the nominal")
+    board_yaw: float = _angle(15, "the board's angle about z")
+    grasp_pitch: float = _angle(10, "the peg's angle in the grasp about y")
+    grasp_yaw: float = _angle(45, "the peg's turn in the grasp about its own axis", two_sided=True)
+    looks: float = _flag("colours, textures, light, noise and camera places are random")
+    occluder: float = _flag("a post before the side and one before the front camera")
+    stale: float = _share("share of pictures that are the one before, with its time stamp")
+    misread: float = _share("share of the hole's measurements that are 10 mm off")
+    board_shift: float = _size(0.02, "how far the board is pushed when it is struck")
+    board_shift_heading: float = _angle(180, "the direction of that push, about z from x")
+    grasp_turn: float = _angle(
+        10, "how far the peg turns in the grasp about x then", two_sided=True
+    )
+    grasp_slide: float = _size(0.01, "how far the peg slides up in the grasp then")
+    struck_at: float = _quantity(
+        0.0, 600.0, "when board and grasp are struck, on the robot's clock", nominal=8.0, symbol="s"
+    )
+    wrist_stiffness: float = _factor(0.2, 5.0, "the wrist's stiffness on every axis, as a factor")
+    compression_noise: float = _size(
+        0.002, "standard deviation of a reading of the wrist's compression"
+    )
+    peg_missing: float = _flag("the gripper holds no peg")
+    peg_wider: float = _quantity(
+        -0.01,
+        0.02,
+        "how much wider along x the peg is, which then is a box; 0: it is right",
+        _MM,
+    )
+    peg_longer: float = _length(
+        0.03, "how much longer the peg is, which then is a box; 0: it is right"
+    )
+    plugged_at: float = _size(0.05, "how far below the surface the hole is plugged; 0: it is not")
+    bar_height: float = _size(0.02, "height of a steel bar across the board; 0: there is none")
+    bar_y: float = _length(0.04, "that bar's middle along y from the hole's", two_sided=True)
+    hole_misread: float = _length(
+        0.02, "how far off every reading of the hole's y is", two_sided=True
+    )
+    compression_dead: float = _flag("the wrist's compression always reads the same")
+    compression_scale: float = _factor(0.1, 3.0, "what the wrist's compression reads, as a factor")
+    pictures_frozen: float = _flag(
+        "after 4 s every camera's picture stays as it is, its time does not"
+    )
+    blind_below: float = _size(
+        0.1, "while the tip is lower than this over the board no camera shows it"
+    )
+
+    def quantities(self) -> dict[str, float]:
+        """Every quantity by its name, drawn or nominal."""
+        return {name: getattr(self, name) for name in NOMINAL}
+
+    def disturbed(self) -> dict[str, float]:
+        """The quantities that are not nominal, by their names."""
+        return {name: v for name, v in self.quantities().items() if v != NOMINAL[name]}
+
+    def is_on(self, flag: str) -> bool:
+        """Whether a quantity that is 0 or 1 counts as 1, by its name."""
+        return float(getattr(self, flag)) > 0.5
+
+    def stream(self, name: str) -> np.random.Generator:
+        """A named stream of this trial's own random numbers, for what is not drawn once but again
+        and again."""
+        return _stream(self.seed, name)
 
 
 QUANTITIES: Mapping[str, Quantity] = {
-    "friction": _factor(0.05, 20.0, "the hole's friction, as a factor on the nominal"),
-    "hole_y": _length(0.04, "the hole's centre along y"),
-    "grasp_roll": _angle(15, "the peg's angle in the grasp about x"),
-    "hole_x": _length(0.02, "the hole's centre along x"),
-    "board_z": _length(0.02, "the board's surface above the nominal"),
-    "board_yaw": _angle(15, "the board's angle about z"),
-    "grasp_pitch": _angle(10, "the peg's angle in the grasp about y"),
-    "grasp_yaw": _angle(45, "the peg's turn in the grasp about its own axis", two_sided=True),
-    "looks": _flag("colours, textures, light, noise and camera places are random"),
-    "occluder": _flag("a post before the side and one before the front camera"),
-    "stale": _share("share of pictures that are the one before, with its time stamp"),
-    "misread": _share("share of the hole's measurements that are 10 mm off"),
-    "board_shift": _size(0.02, "how far the board is pushed when it is struck"),
-    "board_shift_heading": _angle(180, "the direction of that push, about z from x"),
-    "grasp_turn": _angle(10, "how far the peg turns in the grasp about x then", two_sided=True),
-    "grasp_slide": _size(0.01, "how far the peg slides up in the grasp then"),
-    "struck_at": Quantity(
-        nominal=8.0,
-        valid=(0.0, 600.0),
-        unit=None,
-        symbol="s",
-        meaning="when board and grasp are struck, on the robot's clock",
-    ),
-    "wrist_stiffness": _factor(0.2, 5.0, "the wrist's stiffness on every axis, as a factor"),
-    "compression_noise": _size(0.002, "standard deviation of a reading of the wrist's compression"),
-    "peg_missing": _flag("the gripper holds no peg"),
-    "peg_wider": Quantity(
-        nominal=0.0,
-        valid=(-0.01, 0.02),
-        unit=_MM,
-        meaning="how much wider along x the peg is, which then is a box; 0: it is right",
-    ),
-    "peg_longer": _length(0.03, "how much longer the peg is, which then is a box; 0: it is right"),
-    "plugged_at": _size(0.05, "how far below the surface the hole is plugged; 0: it is not"),
-    "bar_height": _size(0.02, "height of a steel bar across the board; 0: there is none"),
-    "bar_y": _length(0.04, "that bar's middle along y from the hole's", two_sided=True),
-    "hole_misread": _length(0.02, "how far off every reading of the hole's y is", two_sided=True),
-    "compression_dead": _flag("the wrist's compression always reads the same"),
-    "compression_scale": _factor(0.1, 3.0, "what the wrist's compression reads, as a factor"),
-    "pictures_frozen": _flag("after 4 s every camera's picture stays as it is, its time does not"),
-    "blind_below": _size(0.1, "while the tip is lower than this over the board no camera shows it"),
+    f.name: f.metadata["quantity"] for f in fields(Setup) if f.metadata
 }
 """The quantities that may differ from plan in a trial. The first three are the paper's."""
 
@@ -141,61 +180,6 @@ def check_range(what: str, quantity: str, low: float, high: float) -> None:
             f"{what} from {in_words(quantity, low)} to {in_words(quantity, high)} cannot be; it"
             f" must lie in order within {in_words(quantity, least)} to {in_words(quantity, most)}"
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """The actual value in one trial of every quantity of QUANTITIES [m, rad, s, 1]. Ground truth:
-    it stays on the experiment's side."""
-
-    seed: int
-    friction: float = 1.0
-    hole_y: float = 0.0
-    grasp_roll: float = 0.0
-    hole_x: float = 0.0
-    board_z: float = 0.0
-    board_yaw: float = 0.0
-    grasp_pitch: float = 0.0
-    grasp_yaw: float = 0.0
-    looks: float = 0.0
-    occluder: float = 0.0
-    stale: float = 0.0
-    misread: float = 0.0
-    board_shift: float = 0.0
-    board_shift_heading: float = 0.0
-    grasp_turn: float = 0.0
-    grasp_slide: float = 0.0
-    struck_at: float = 8.0
-    wrist_stiffness: float = 1.0
-    compression_noise: float = 0.0
-    peg_missing: float = 0.0
-    peg_wider: float = 0.0
-    peg_longer: float = 0.0
-    plugged_at: float = 0.0
-    bar_height: float = 0.0
-    bar_y: float = 0.0
-    hole_misread: float = 0.0
-    compression_dead: float = 0.0
-    compression_scale: float = 1.0
-    pictures_frozen: float = 0.0
-    blind_below: float = 0.0
-
-    def quantities(self) -> dict[str, float]:
-        """Every quantity by its name, drawn or nominal."""
-        return {name: getattr(self, name) for name in NOMINAL}
-
-    def disturbed(self) -> dict[str, float]:
-        """The quantities that are not nominal, by their names."""
-        return {name: v for name, v in self.quantities().items() if v != NOMINAL[name]}
-
-    def is_on(self, flag: str) -> bool:
-        """Whether a quantity that is 0 or 1 counts as 1, by its name."""
-        return float(getattr(self, flag)) > 0.5
-
-    def stream(self, name: str) -> np.random.Generator:
-        """A named stream of this trial's own random numbers, for what is not drawn once but again
-        and again."""
-        return _stream(self.seed, name)
 
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -255,18 +239,14 @@ def _stream(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
-def _paper(name: str, *quantities: str) -> Condition:
-    return Condition(name=name, ranges={q: PAPER_RANGES[q] for q in quantities})
-
-
 CONDITIONS: Mapping[str, Condition] = {
-    c.name: c
-    for c in (
-        _paper("none"),
-        _paper("friction", "friction"),
-        _paper("pose", "hole_y", "grasp_roll"),
-        _paper("all", "friction", "hole_y", "grasp_roll"),
-    )
+    name: Condition(name=name, ranges={q: PAPER_RANGES[q] for q in drawn})
+    for name, drawn in {
+        "none": (),
+        "friction": ("friction",),
+        "pose": ("hole_y", "grasp_roll"),
+        "all": tuple(PAPER_RANGES),
+    }.items()
 }
 
 

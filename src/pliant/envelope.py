@@ -4,10 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
-from types import TracebackType
-from typing import Self
 
-from pliant.cell import Motion, Observation, Robot
+from pliant.cell import Motion, Observation, Robot, RobotBehind, missed, outside
 from pliant.errors import RobotFault
 from pliant.formations import MOST_TURN
 from pliant.pose import Axis, Partial, Pose
@@ -43,16 +41,10 @@ class Limits:
     def outside(self, goal: Partial, *, margin: bool = False) -> str | None:
         """The reason why a goal lies outside the workspace, or None. With `margin`, as for goals:
         inside it by so much that a pose measured at the goal is still within it."""
-        for axis, value in goal.items():
-            inset = 0.0 if not margin else 0.01 if axis.is_angle else 0.001
-            low, high = self.low[axis] + inset, self.high[axis] - inset
-            if not low <= value <= high:
-                low, high = axis.to_report(low), axis.to_report(high)
-                return (
-                    f"{axis} {axis.to_report(value):.1f} {axis.report_unit} is outside the"
-                    f" workspace, {low:.1f} to {high:.1f} {axis.report_unit}"
-                )
-        return None
+        inset = {a: 0.0 if not margin else 0.01 if a.is_angle else 0.001 for a in Axis}
+        low = Pose(**{a: self.low[a] + inset[a] for a in Axis})
+        high = Pose(**{a: self.high[a] - inset[a] for a in Axis})
+        return outside(low, high, goal)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +89,7 @@ class Descent:
         return lowest
 
 
-class Guarded:
+class Guarded(RobotBehind):
     """A robot behind the envelope: the same six calls, each motion checked, speed and compression
     limit capped, and no lower than `descent` allows where somebody set it. The motion's record
     keeps what was requested beside what was commanded.
@@ -109,7 +101,7 @@ class Guarded:
     """
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
-        self._robot = robot
+        super().__init__(robot)
         self.limits = limits
         self.motions: list[Motion] = []
         self.under_way: Pose | None = None
@@ -117,18 +109,6 @@ class Guarded:
         self.has_answered = False
         self.sees_depth: Callable[[], float | None] | None = None
         self._unlikely = 0  # answers
-
-    def __enter__(self) -> Self:
-        self._robot.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._robot.__exit__(kind, error, traceback)
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
         """Move as `Robot.move_to` does; a pose outside the workspace raises RobotFault("envelope"),
@@ -196,8 +176,7 @@ class Guarded:
         self._robot.halt()
         raise RobotFault(
             "not_reached",
-            f"a motion ended {off_m * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal,"
-            " and the wrist's sensor has not answered yet",
+            f"{missed(off_m, turn)}, and the wrist's sensor has not answered yet",
         )
 
     def _hear(self, answer: SensorAnswer | None) -> None:
@@ -230,17 +209,8 @@ class Guarded:
         here = self._robot.observe(()).pose.z
         return pose.updated({Axis.Z: max(pose.z, min(lowest, here))})
 
-    def settle(self, seconds: float) -> None:
-        self._robot.settle(seconds)
-
-    def tare(self) -> None:
-        self._robot.tare()
-
-    def clock(self) -> float:
-        return self._robot.clock()
-
     def observe(self, cameras: Sequence[str] = ("side",)) -> Observation:
-        seen = self._robot.observe(cameras)
+        seen = super().observe(cameras)
         if not self.has_answered:
             self.has_answered = self._feels(seen)
         return seen
@@ -254,6 +224,3 @@ class Guarded:
             self._robot.settle(_BETWEEN_S)
             read.append(self._robot.observe(()).compression_m)
         return True
-
-    def halt(self) -> None:
-        self._robot.halt()

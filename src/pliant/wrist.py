@@ -12,10 +12,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pliant.errors import RobotFault
 from pliant.pose import Pose
 
+Vector = NDArray[np.float64]  # (3,)
+
+GRAVITY = 9.81  # [m/s2]
 LIMIT_M = 0.020
 """The limit of the wrist that the paper's simulator has, pressed or stretched [m]."""
 
@@ -62,6 +66,15 @@ class Reading:
     margin_m: float = 0.0
     noise_m: float = 0.0
     along_m: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """The way of a straight press: where it begins (3,) [m], and the wrist's axis (3,), toward the
+    tip; in any one frame."""
+
+    start: Vector
+    axis: Vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +136,7 @@ class Watch:
         self._stop_at_m = self.limit_m
         self._began_m = self._pressed_m = self._stretched_m = 0.0  # at first, and least in it
         self._hung_m: float | None = None
+        self._way: Way | None = None  # of the press under way
         self._press: list[tuple[float, float]] = []  # of this motion: how far along, read [m]
 
     def tare(self, hangs_m: float) -> None:
@@ -188,11 +202,13 @@ class Watch:
         elif reading.time_s > at_s + _OVER_S:
             raise _doubt(f"it jumped by {off_m * 1e3:+.1f} mm at once and has not come back")
 
-    def begin(self, compression_m: float, toward_m: float, stop_at_m: float) -> bool:
+    def begin(
+        self, compression_m: float, toward_m: float, stop_at_m: float, way: Way | None = None
+    ) -> bool:
         """Whether a motion may begin that goes `toward_m` along the wrist's axis, above 0 toward
-        the tip, and ends at `stop_at_m` of compression [m]."""
+        the tip, and ends at `stop_at_m` of compression [m]; a straight press on its `way`."""
         load = self.load
-        self._stop_at_m = stop_at_m
+        self._stop_at_m, self._way = stop_at_m, way
         self._press = []
         self._began_m = self._pressed_m = compression_m
         self._stretched_m = -compression_m
@@ -207,9 +223,14 @@ class Watch:
         self._pushed_s = -math.inf if self.last is None else self.last.time_s
         return True
 
+    def along(self, position: Vector) -> float | None:
+        """The distance [m] that a straight press has come along the wrist's axis, with the hinge
+        point at `position` (3,); None: none is under way."""
+        return None if self._way is None else float((position - self._way.start) @ self._way.axis)
+
     def rest(self) -> None:
         """Note that the motion has ended."""
-        self._toward_m = None
+        self._toward_m = self._way = None
 
     def answer(self) -> SensorAnswer | None:
         """The answer of the reading in the last motion; None: it was pressed too little to say. Of
@@ -262,6 +283,11 @@ def is_straight(start: Pose, goal: Pose) -> bool:
     is dragged, or turned, loads it, too."""
     way = goal.position() - start.position()
     return math.hypot(way[0], way[1]) <= -_ASIDE * way[2] and start.turn_to(goal) <= _TURNED_RAD
+
+
+def toward_tip(start: Pose, end: Pose) -> float:
+    """The distance [m] that the way to a pose goes along the wrist's axis there, toward the tip."""
+    return float((start.position() - end.position()) @ end.rotation()[:, 2])
 
 
 def _in_words(compression_m: float) -> str:

@@ -93,9 +93,7 @@ def widen(images: Sequence[Image], ranges: Ranges) -> Ranges:
         contour = largest_contour(hsv, ranges)
         if contour is None:
             continue
-        region = np.zeros(hsv.shape[:2], np.uint8)
-        cv2.fillPoly(region, [np.floor(contour).astype(np.int32)], 255)
-        region &= mask_of(hsv, ranges)
+        region = _filled(hsv, contour) & mask_of(hsv, ranges)
         pixels.append(hsv[region > 0])
     return _ranges(np.vstack(pixels)) if pixels else ranges
 
@@ -118,10 +116,8 @@ def evaluate(images: Sequence[Image], colours: Colours) -> ColoursFound:
                     f"a picture shows no {name} of the picked colour: pick again, in a picture with"
                     " the light of the work"
                 )
-            largest = np.zeros(hsv.shape[:2], np.uint8)
-            cv2.fillPoly(largest, [np.floor(contour).astype(np.int32)], 255)
             count = int(np.count_nonzero(masks[name]))
-            out = int(np.count_nonzero(masks[name] & ~largest))
+            out = int(np.count_nonzero(masks[name] & ~_filled(hsv, contour)))
             elsewhere[name] = max(elsewhere[name], out / count)
         both = int(np.count_nonzero(masks["peg"] & masks["block"]))
         shared = max(shared, both / min(int(np.count_nonzero(m)) for m in masks.values()))
@@ -151,6 +147,13 @@ def shown(image: Image, colours: Colours) -> Image:
 
 def _hsv(image: Image) -> NDArray[np.uint8]:
     return cv2.cvtColor(image, cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
+
+
+def _filled(hsv: NDArray[np.uint8], contour: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The mask of the inside of a contour in a picture."""
+    mask = np.zeros(hsv.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.floor(contour).astype(np.int32)], 255)
+    return mask
 
 
 def _middle(pixels: NDArray[np.uint8]) -> tuple[float, float, float]:

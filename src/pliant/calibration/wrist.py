@@ -94,18 +94,14 @@ def press(
         robot.move_to(pose, speed_m_s=0.05, stop_at_compression_m=_LIMIT_M)
     robot.settle(3.0)
     robot.tare()
-    heights: list[float] = []
-    compressions: list[float] = []
-    releases: list[bool] = []
+    readings: list[tuple[float, float, bool]] = []
 
     def go(z: float, is_release: bool) -> float:
         pose = start.updated({Axis.Z: z})
         robot.move_to(pose, speed_m_s=_SPEED_M_S, stop_at_compression_m=_LIMIT_M)
         robot.settle(_SETTLE_S)
         seen = robot.observe(cameras=())
-        heights.append(seen.pose.z)
-        compressions.append(seen.compression_m)
-        releases.append(is_release)
+        readings.append((seen.pose.z, seen.compression_m, is_release))
         tell(seen.pose.z, seen.compression_m)
         return seen.compression_m
 
@@ -118,11 +114,8 @@ def press(
             z += _STEP_M
         top = min(top, z + 2 * _STEP_M)  # the way down to the touch is known now
     robot.move_to(lifted, speed_m_s=0.02, stop_at_compression_m=_LIMIT_M)
-    return Press(
-        height_m=np.array(heights),
-        compression_m=np.array(compressions),
-        is_release=np.array(releases),
-    )
+    heights, compressions, releases = map(np.array, zip(*readings, strict=True))
+    return Press(height_m=heights, compression_m=compressions, is_release=releases)
 
 
 def evaluate(pressed: Press, stiffness_n_m: float) -> WristFound:

@@ -69,7 +69,7 @@ def calibrate(
         write: put what was found into the cell's file.
         out: the folder for the pictures to look at.
     """
-    from pliant.commissioning.operator import AtTerminal
+    from pliant.commissioning.attending import AtTerminal
 
     task, chosen = load_task(peg), where(cell)
     setup = _setup(chosen, condition, seed)

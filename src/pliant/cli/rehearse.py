@@ -5,7 +5,7 @@ from rich.text import Text
 
 from pliant.cli.cells import opened
 from pliant.commissioning import rehearsal
-from pliant.commissioning.operator import AtTerminal
+from pliant.commissioning.attending import AtTerminal
 from pliant.conditions import Setup
 from pliant.console import Console
 from pliant.errors import RobotFault

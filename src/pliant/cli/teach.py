@@ -32,7 +32,7 @@ def teach(
         goals: the file to write, for `pliant run --goals`; in a folder of its own.
         picture: keep the latest picture, with its measurement, in this file (.png).
     """
-    from pliant.commissioning.operator import AtTerminal
+    from pliant.commissioning.attending import AtTerminal
     from pliant.commissioning.teach import CONTACT_SPEED, Place, Teacher
     from pliant.commissioning.teach import teach as go_on
     from pliant.commissioning.terminal import check_terminal, single_keys

@@ -66,7 +66,7 @@ class Draft:
             raise
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"the draft '{path}' cannot be used ({_one_line(error)}): {_ANEW}"
+                f"the draft '{path}' cannot be used ({' '.join(str(error).split())}): {_ANEW}"
             ) from error
 
     def save(self, log: tuple[Record, ...]) -> None:
@@ -79,11 +79,7 @@ class Draft:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             entries = [self._entry(index, record) for index, record in enumerate(log)]
-            document = {
-                "schema": SCHEMA,
-                **self._made_with,
-                "records": entries,
-            }
+            document = {"schema": SCHEMA, **self._made_with, "records": entries}
             files.write_bytes(path, files.yaml_text(document).encode())
         except OSError as error:
             raise InputError(
@@ -96,20 +92,16 @@ class Draft:
     def _entry(self, index: int, record: Record) -> dict[str, Any]:
         picture = f"{index}-{record.formation}.png"
         files.write_bytes(self.folder / picture, pictures.encoded(record.view.image))
-        camera = record.view.camera
+        camera = {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in vars(record.view.camera).items()
+        }
         return {
             "formation": str(record.formation),
             "goal": [record.goal[axis] for axis in Axis],
             "pose": [record.pose[axis] for axis in Axis],
             "picture": picture,
-            "camera": {
-                "name": camera.name,
-                "width": camera.width,
-                "height": camera.height,
-                "focal_px": camera.focal_px,
-                "position": camera.position.tolist(),
-                "rotation": camera.rotation.tolist(),
-            },
+            "camera": camera,
         }
 
     def _record(self, entry: dict[str, Any]) -> Record:
@@ -127,14 +119,5 @@ def _pose(values: list[float]) -> Pose:
 
 
 def _camera(entry: dict[str, Any]) -> Camera:
-    return Camera(
-        **{
-            **entry,
-            "position": np.array(entry["position"], dtype=float),
-            "rotation": np.array(entry["rotation"], dtype=float),
-        }
-    )
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+    arrays = {name: np.array(entry[name], dtype=float) for name in ("position", "rotation")}
+    return Camera(**{**entry, **arrays})

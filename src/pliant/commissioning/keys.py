@@ -3,6 +3,7 @@
 Letters count without regard to case, so that Caps Lock turns no motion around.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -95,41 +96,23 @@ HELP = (  # the most important first: a small screen loses the last ones
     ("f", "freedrive"),
 )
 
-_ESCAPE = b"\x1b"
-_ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
+_KEY = re.compile(  # ESC [ or ESC O, parameters, then a letter or ~; ESC and a key; any other key
+    rb"\x1b[\[O][^\x40-\x7e]*[\x40-\x7e]|\x1b[^\[O]|[^\x1b]", re.DOTALL
+)
+_NAMED = {b"\n": "enter", b"\r": "enter"} | {
+    b"\x1b" + start + letter: name
+    for start in (b"[", b"O")
+    for letter, name in ((b"A", "up"), (b"B", "down"), (b"C", "right"), (b"D", "left"))
+}
 
 
 def split(data: bytes) -> tuple[list[str], bytes]:
     """The keys in what a terminal sent, and the beginning of an escape sequence that is not whole
     yet. A key without a meaning is ""."""
     keys: list[str] = []
-    while data:
-        if data[:1] == _ESCAPE:
-            length = _escape_length(data)
-            if length is None:
-                break
-            keys.append(_ARROWS.get(data[2:3], "") if length == 3 else "")
-        else:
-            length = 1
-            keys.append(_plain(data[0]))
-        data = data[length:]
-    return keys, data
-
-
-def _plain(byte: int) -> str:
-    if byte in (10, 13):
-        return "enter"
-    return chr(byte).lower() if 32 < byte < 127 else ""
-
-
-def _escape_length(data: bytes) -> int | None:
-    """The length of the escape sequence that `data` begins with: ESC [ parameters, then a letter or
-    ~; ESC O letter; ESC and a key. None: more is to come."""
-    if len(data) < 2:
-        return None
-    if data[1:2] not in (b"[", b"O"):
-        return 2
-    for at in range(2, len(data)):
-        if 0x40 <= data[at] <= 0x7E:
-            return at + 1
-    return None
+    at = 0
+    while found := _KEY.match(data, at):
+        key, at = found[0], found.end()
+        is_plain = len(key) == 1 and 32 < key[0] < 127
+        keys.append(chr(key[0]).lower() if is_plain else _NAMED.get(key, ""))
+    return keys, data[at:]

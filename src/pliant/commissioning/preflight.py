@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from itertools import chain
 from typing import Protocol, runtime_checkable
 
@@ -24,6 +25,7 @@ from pliant.pose import Axis, Pose, describe
 from pliant.task import Task
 from pliant.vision.measure import measure
 from pliant.vision.scene import PegSeen, Scene
+from pliant.wrist import GRAVITY
 
 DRIFT_M = 0.0005  # of the tared compression
 PAYLOAD_N = 15.0  # felt along the wrist before taring: more is not the sensor's drift
@@ -32,7 +34,6 @@ HOLE_M = 0.03  # from its nominal place: further than any condition of the paper
 _UPRIGHT = math.radians(2.0)  # of the flange, for the peg's place to be known
 _DRIFT_S = 3.0
 _READINGS = 10
-_GRAVITY = 9.81
 _LIGHTER_KG = 0.3  # than the tool is, for the wrist's sign
 WEIGHT_FELT = (0.5, 1.5)  # of what that is: rough, since only the sign is asked for
 
@@ -123,29 +124,26 @@ def _attached(where: Where, task: Task) -> Iterator[Robot]:
     with ExitStack() as stack:
         if configuration is None or configuration.emulator is not None:
             cell = where.open()
-            stack.callback(getattr(cell, "close", _nothing))
+            if close := getattr(cell, "close", None):  # a simulated one has nothing to close
+                stack.callback(close)
             robot = cell.prepare(task, Setup(seed=0))
             if configuration is None:
                 yield stack.enter_context(robot)
                 return
             stack.pop_all().close()
-        from pliant.ur5e import messages as m
         from pliant.ur5e.camera import open_camera
         from pliant.ur5e.driver import Driver
+        from pliant.ur5e.driver_process import ArmDriver
         from pliant.ur5e.robot import UrRobot
 
         assert configuration is not None
         driver = Driver(configuration)
         stack.callback(driver.close)
         driver.connect()
-        driver.ask(m.SetUp(holds=configuration.gripper is not None))
+        driver.ask(partial(ArmDriver.set_up, holds=configuration.gripper is not None))
         camera = open_camera(configuration.camera, configuration.patience.picture_ms * 1e-3)
         stack.callback(camera.close)
         yield stack.enter_context(UrRobot(configuration, driver, camera, task))
-
-
-def _nothing() -> None:
-    """Do nothing: the cell has nothing to close."""
 
 
 # --- the checks ----------------------------------------------------------------------------------
@@ -155,8 +153,7 @@ def _arm(where: Where, robot: Robot) -> Iterator[Finding]:
     """The checks that reaching the robot has made already, and that of its payload."""
     configuration = where.configuration
     if configuration is None:
-        for name in _OF_ARM:
-            yield Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
+        yield from map(_simulated, _OF_ARM)
         return
     yield _passed("connection", configuration.arm.address)
     yield _passed("safety status", "normal")
@@ -202,9 +199,9 @@ def _sign(where: Where, robot: Robot) -> Finding:
     stretching."""
     name, configuration = "wrist sign", where.configuration
     if configuration is None or not isinstance(robot, _Weighing):
-        return Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
+        return _simulated(name)
     lighter_kg = min(_LIGHTER_KG, configuration.payload.mass_kg / 2)
-    stretched = lighter_kg * _GRAVITY / (configuration.wrist.stiffness_n_mm * 1e3)
+    stretched = lighter_kg * GRAVITY / (configuration.wrist.stiffness_n_mm * 1e3)
     felt = -robot.weigh(lighter_kg)
     found = (
         f"{lighter_kg:g} kg of the tool stretch by {felt * 1e3:+.1f} of {stretched * 1e3:.1f} mm"
@@ -247,7 +244,7 @@ def _permitted(where: Where, task: Task, robot: Robot) -> Iterator[Finding]:
     line for each at which it would not."""
     name = "safety limits"
     if not isinstance(robot, _Limited):
-        yield Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
+        yield _simulated(name)
         return
     try:
         commanded = _commanded(where, task)
@@ -281,15 +278,11 @@ def _goals(where: Where, task: Task) -> Finding:
         commanded = _commanded(where, task)
     except InputError as error:
         return _judged("goals", False, str(error))
-    outside = [line for line in commanded if _is_outside(line, where)]
+    outside = [line for line in commanded if line.problem is not None]
     found = f"{'the shipped ones' if path is None else path}, {len(commanded)} poses"
     if outside:
         found = f"{outside[0].formation}: {outside[0].problem}"
     return _judged("goals", not outside, found)
-
-
-def _is_outside(line: Commanded, where: Where) -> bool:
-    return where.limits.outside({axis: line.pose[axis] for axis in Axis}) is not None
 
 
 # --- inside --------------------------------------------------------------------------------------
@@ -312,10 +305,10 @@ def _sag(where: Where, task: Task) -> float:
     """The distance [m] that the tool hangs below the unsprung wrist."""
     given = where.configuration
     if given is not None:
-        return given.payload.mass_kg * _GRAVITY / (given.wrist.stiffness_n_mm * 1e3)
+        return given.payload.mass_kg * GRAVITY / (given.wrist.stiffness_n_mm * 1e3)
     from pliant.sim import constants
 
-    return (constants.GRIPPER_MASS + constants.PEG_MASS) * _GRAVITY / task.wrist.stiffness_z
+    return (constants.GRIPPER_MASS + constants.PEG_MASS) * GRAVITY / task.wrist.stiffness_z
 
 
 def _width(peg: PegSeen, task: Task, observation: Observation) -> float:
@@ -340,6 +333,10 @@ def _passed(name: str, found: str) -> Finding:
 def _judged(name: str, good: bool, found: str) -> Finding:
     state = CheckState.PASS if good else CheckState.FAIL
     return Finding(check=name, state=state, found=found, advice="" if good else _ADVICE[name])
+
+
+def _simulated(name: str) -> Finding:
+    return Finding(check=name, state=CheckState.NONE, found="the cell is simulated")
 
 
 def _unknown(name: str, found: str) -> Finding:

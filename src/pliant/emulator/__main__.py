@@ -7,7 +7,8 @@ import sys
 import tyro
 
 from pliant.console import complain, say
-from pliant.emulator.emulator import Options, serve
+from pliant.emulator.emulator import Options
+from pliant.emulator.serving import serve
 from pliant.errors import PliantError
 from pliant.text import replace_unshowable
 from pliant.usage import HELP, Usage, page, refuse_repeats, taken

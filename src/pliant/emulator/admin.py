@@ -7,25 +7,23 @@ docs/emulator.md lists the requests; those that change something need the emulat
 import asyncio
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from pliant import tokens
-from pliant.conditions import Condition, Setup, condition
+from pliant.conditions import PAPER_RANGES, Condition, Setup, condition
+from pliant.emulator.emulator import Emulator
 from pliant.emulator.faults import Fault, first_problem
-from pliant.emulator.pace import MOST_SPEED, Pacing
+from pliant.emulator.pace import MOST_SPEED
 from pliant.errors import InputError, PliantError
-
-if TYPE_CHECKING:
-    from pliant.emulator.emulator import Emulator
+from pliant.files import Fields
+from pliant.ur5e.protocol import Pacing
 
 _MOST_LINE = 1 << 16  # [bytes]
 
 
-class _Request(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class _Request(Fields):
     token: str = ""
 
 
@@ -58,7 +56,7 @@ class SetUp(_Request):
         Raises:
             InputError: the condition is unknown, a value is out of range, or both are given.
         """
-        values = {name: getattr(self, name) for name in ("friction", "hole_y", "grasp_roll")}
+        values = {name: getattr(self, name) for name in PAPER_RANGES}
         given = {name: (value, value) for name, value in values.items() if value is not None}
         if self.condition is not None and given:
             raise InputError(f"give a condition or {', '.join(given)}, not both")
@@ -142,7 +140,7 @@ _REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 _ANSWER: TypeAdapter[dict[str, Any]] = TypeAdapter(dict[str, Any])
 
 
-def protocol(emulator: "Emulator") -> asyncio.BaseProtocol:
+def protocol(emulator: Emulator) -> asyncio.BaseProtocol:
     """The protocol that serves one client's connection."""
 
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -159,7 +157,7 @@ def protocol(emulator: "Emulator") -> asyncio.BaseProtocol:
     return asyncio.StreamReaderProtocol(reader, talk)
 
 
-async def _reply(emulator: "Emulator", line: bytes) -> dict[str, Any]:
+async def _reply(emulator: Emulator, line: bytes) -> dict[str, Any]:
     try:
         request = _REQUEST.validate_json(line)
         if not isinstance(request, _ANYBODYS) and not emulator.is_token(request.token):
@@ -174,7 +172,7 @@ async def _reply(emulator: "Emulator", line: bytes) -> dict[str, Any]:
         return {"ok": False, "error": str(error)}
 
 
-async def perform(emulator: "Emulator", request: Request) -> dict[str, Any]:
+async def perform(emulator: Emulator, request: Request) -> dict[str, Any]:
     """Do what is asked, and return the answer's fields.
 
     Raises:

@@ -4,13 +4,17 @@ A sequence lock: the writer makes the counter odd, writes, and makes it even; a 
 odd or changed reads again. So drawing never holds up the controller.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from multiprocessing.shared_memory import SharedMemory
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pliant.conditions import Setup
+from pliant.conditions import NOMINAL, Setup
 from pliant.emulator.frames import Array
 from pliant.errors import InputError
 
@@ -23,9 +27,7 @@ _LAYOUT = np.dtype(
         ("fault", "<u4"),
         ("joints", "<u4"),
         ("qpos", "<f8", (_MOST_JOINTS,)),
-        ("friction", "<f8"),
-        ("hole_y", "<f8"),
-        ("grasp_roll", "<f8"),
+        ("setup", "<f8", (len(NOMINAL),)),
         ("peg", f"S{_MOST_NAME}"),
     ]
 )
@@ -70,25 +72,18 @@ class Block:
         """
         if len(peg.encode()) > _MOST_NAME:
             raise InputError(f"peg '{peg[:40]}…': its path must have at most {_MOST_NAME} bytes")
-        self._begin()
-        record = self._record[0]
-        record["peg"] = peg.encode()
-        record["friction"], record["hole_y"] = setup.friction, setup.hole_y
-        record["grasp_roll"] = setup.grasp_roll
-        self._end()
+        with self.writing() as record:
+            record["peg"], record["setup"] = peg.encode(), [*setup.quantities().values()]
 
     def write(self, time_s: float, qpos: Array) -> None:
         """Write what a tick changes."""
-        self._begin()
-        record = self._record
-        record["time_s"], record["joints"] = time_s, len(qpos)
-        record["qpos"][0, : len(qpos)] = qpos
-        self._end()
+        with self.writing() as record:
+            record["time_s"], record["joints"] = time_s, len(qpos)
+            record["qpos"][0, : len(qpos)] = qpos
 
     def set_fault(self, fault: CameraFault) -> None:
-        self._begin()
-        self._record["fault"] = list(CameraFault).index(fault)
-        self._end()
+        with self.writing() as record:
+            record["fault"] = list(CameraFault).index(fault)
 
     def read(self) -> BlockState:
         """The latest state, all of one tick.
@@ -105,10 +100,7 @@ class Block:
                     qpos=record["qpos"][: int(record["joints"])].copy(),
                     peg=record["peg"].decode(),
                     setup=Setup(
-                        seed=0,
-                        friction=float(record["friction"]),
-                        hole_y=float(record["hole_y"]),
-                        grasp_roll=float(record["grasp_roll"]),
+                        seed=0, **dict(zip(NOMINAL, record["setup"].tolist(), strict=True))
                     ),
                     fault=list(CameraFault)[int(record["fault"])],
                 )
@@ -120,8 +112,9 @@ class Block:
         if self._is_owner:
             self._memory.unlink()
 
-    def _begin(self) -> None:
+    @contextmanager
+    def writing(self) -> Iterator[NDArray[Any]]:
+        """The record, which nobody reads while this context lasts."""
         self._record["sequence"] += 1
-
-    def _end(self) -> None:
+        yield self._record
         self._record["sequence"] += 1

@@ -8,14 +8,13 @@ A frame's header `X-Robot-Time` is the controller's time stamp [s] of what it sh
 """
 
 import ipaddress
-import json
 import multiprocessing
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing.connection import Connection
-from types import TracebackType
-from typing import Self
 from urllib.parse import urlsplit
 
 import cv2
@@ -30,8 +29,8 @@ from pliant.sim import model as m
 from pliant.sim.render import CAMERAS, Cameras
 from pliant.sim.setup import apply
 from pliant.task import load_task
+from pliant.ur5e.protocol import TIME_HEADER
 
-TIME_HEADER = "X-Robot-Time"
 _TYPES = {"jpg": "image/jpeg", "png": "image/png"}
 _JPEG_QUALITY = 95
 _START_S = 60.0
@@ -83,13 +82,10 @@ class Artist:
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
-    block: Block
-    artist: Artist
-    drawing: ThreadPoolExecutor  # of one thread
 
     def __init__(self, address: tuple[str, int], block: Block) -> None:
         self.block, self.artist = block, Artist()
-        self.drawing = ThreadPoolExecutor(1)
+        self.drawing = ThreadPoolExecutor(1)  # OpenGL belongs to a thread
         self.kept: dict[tuple[str, str], CameraFrame] = {}
         super().__init__(address, _Handler)
 
@@ -178,43 +174,31 @@ class _Handler(BaseHTTPRequestHandler):
             return  # the client has left
 
 
-class CameraProcess:
-    """The camera server as a process that ends with this context, or with this process."""
+@contextmanager
+def camera_process(host: str, port: int, block_name: str) -> Iterator[Callable[[], None]]:
+    """Run the camera server as a process that ends with this context, or with this process. What
+    it gives waits until the server has drawn its first frame, and raises InputError if it cannot
+    serve."""
+    context = multiprocessing.get_context("spawn")  # OpenGL does not outlive a fork
+    ready, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_serve, args=(host, port, block_name, theirs), daemon=True)
+    process.start()
+    theirs.close()
 
-    def __init__(self, host: str, port: int, block_name: str) -> None:
-        context = multiprocessing.get_context("spawn")  # OpenGL does not outlive a fork
-        self._ready, theirs = context.Pipe(duplex=False)
-        self._process = context.Process(
-            target=_serve, args=(host, port, block_name, theirs), daemon=True
-        )
-        self._process.start()
-        theirs.close()
-
-    def wait(self) -> None:
-        """Wait until the server has drawn its first frame.
-
-        Raises:
-            InputError: it cannot serve.
-        """
+    def wait() -> None:
         try:
-            problem = self._ready.recv() if self._ready.poll(_START_S) else "it takes too long"
+            problem = ready.recv() if ready.poll(_START_S) else "it takes too long"
         except EOFError:
             problem = "it ended"
         if problem:
             raise InputError(f"the camera does not start: {problem}")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._process.terminate()
-        self._process.join()
-        self._ready.close()
+    try:
+        yield wait
+    finally:
+        process.terminate()
+        process.join()
+        ready.close()
 
 
 def _serve(host: str, port: int, block_name: str, ready: Connection) -> None:
@@ -232,8 +216,3 @@ def _serve(host: str, port: int, block_name: str, ready: Connection) -> None:
         return
     ready.send("")
     server.serve_forever()
-
-
-def described(cameras: bytes) -> list[Camera]:
-    """The cameras' calibrations from the text of /cameras.json."""
-    return TypeAdapter(list[Camera]).validate_python(json.loads(cameras))

@@ -1,46 +1,37 @@
 """The experiment's side of an emulator in another process: start it, and talk to its admin port."""
 
-import json
 import re
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from tempfile import TemporaryFile
-from types import TracebackType
 from typing import Any, Self
 
-from pliant import tokens
-from pliant.cell import Truth
-from pliant.conditions import Setup
 from pliant.errors import InputError
+from pliant.ur5e.admin_port import ANSWER_S, EMULATOR, AdminConnection, EmulatorEnded
+from pliant.ur5e.protocol import ADMIN_PORT
 
-_TIMEOUT_S = 60.0  # a peg's first model takes a second; a long grant its time
 _STOP_S = 10.0
-_COMMAND = "python -m pliant.emulator"
 _ERROR = "pliant.emulator: "
 _READY = r"ready: .* admin (\S+):(\d+);"
 
 
-class Admin:
+class Admin(AdminConnection):
     """A connection to the admin port. Its requests are the ones of docs/emulator.md.
 
     Raises:
         InputError: nobody answers there.
     """
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 30100) -> None:
+    def __init__(self, host: str = "127.0.0.1", port: int = ADMIN_PORT) -> None:
         try:
-            self._socket = socket.create_connection((host, port), _TIMEOUT_S)
+            super().__init__(host, port, ANSWER_S)
         except OSError as error:
             raise InputError(
                 f"no emulator answers at {host}:{port} ({error.strerror}): start one with"
-                f" '{_COMMAND}'"
+                f" '{EMULATOR}'"
             ) from error
-        self._token = tokens.known(host, port)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._lines = self._socket.makefile("rb")
 
     def ask(self, do: str, **fields: object) -> dict[str, Any]:
         """Send one request and return its answer.
@@ -49,50 +40,20 @@ class Admin:
             InputError: the emulator refuses, or is gone.
         """
         try:
-            self._socket.sendall(
-                json.dumps({"do": do, "token": self._token, **fields}).encode() + b"\n"
-            )
-            line = self._lines.readline()
+            return super().ask(do, **fields)
+        except EmulatorEnded as error:
+            raise InputError(str(error)) from error
         except OSError as error:
             raise InputError(f"the emulator does not answer: {error}") from error
-        if not line:
-            raise InputError("the emulator has ended")
-        answer: dict[str, Any] = json.loads(line)
-        if not answer.pop("ok"):
-            raise InputError(f"the emulator refuses '{do}': {answer['error']}")
-        return answer
-
-    def set_up(self, setup: Setup, peg: str | None = None) -> None:
-        """Begin a trial: hole, friction and grasp as in `setup`, the arm at home."""
-        self.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())
-
-    def truth(self) -> Truth:
-        """Ground truth now."""
-        fields = self.ask("truth")["truth"]
-        return Truth(**{**fields, "tip": tuple(fields["tip"])})
-
-    def grant(self, ticks: int) -> float:
-        """Let a controller in lockstep go on by `ticks`, and return its time stamp [s] when it
-        has."""
-        return float(self.ask("grant", ticks=ticks)["time_s"])
 
     def fault(self, kind: str, **fields: object) -> None:
         """Let a fault happen now."""
         self.ask("fault", fault={"kind": kind, **fields})
 
-    def close(self) -> None:
-        self._lines.close()
-        self._socket.close()
-
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -123,7 +84,7 @@ def started(*arguments: str) -> Iterator[Admin]:
                 process.wait(_STOP_S)
                 log.seek(0)
                 said = [line for line in log.read().splitlines() if line.startswith(_ERROR)]
-                problem = said[-1].removeprefix(_ERROR) if said else f"see '{_COMMAND} --help'"
+                problem = said[-1].removeprefix(_ERROR) if said else f"see '{EMULATOR} --help'"
                 raise InputError(f"the emulator did not start: {problem}")
             with Admin(ready[1], int(ready[2])) as admin:
                 yield admin

@@ -4,19 +4,19 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Protocol
 
 import numpy as np
 
 from pliant.console import complain
 from pliant.emulator.frames import Array, inverse
 from pliant.emulator.gripper import EmulatedGripper
-from pliant.emulator.motion import EmulatedMotion, Hold, Waypoint
+from pliant.emulator.motion import EmulatedMotion
 from pliant.emulator.plant import TICK, Plant
-from pliant.emulator.program import Program
 from pliant.emulator.sensor import ForceSensor, SensorPayload
 from pliant.errors import RobotFault
+from pliant.ur5e.protocol import FREQUENCY, Mode, SafetyBits
 
-FREQUENCY = round(1 / TICK)  # [Hz]
 REGISTERS = 48
 UNLOCK_AFTER_S = 5.0  # a protective stop holds at least this long
 _HARD_STOP = 10.0  # [rad/s2] of the fastest joint, when safety stops the arm
@@ -35,17 +35,13 @@ class Safety(IntEnum):
     ROBOT_EMERGENCY_STOP = 7
 
     @property
-    def bits(self) -> int:
-        """The safety status bits: normal, protective, robot and any emergency stop, stopped."""
-        return {1: 1 << 0, 3: 1 << 2 | 1 << 10, 7: 1 << 6 | 1 << 7 | 1 << 10}[self]
-
-
-class Mode(IntEnum):
-    """Robot modes as RTDE numbers them."""
-
-    POWER_OFF = 3
-    IDLE = 5
-    RUNNING = 7
+    def bits(self) -> SafetyBits:
+        """The safety status bits."""
+        if self is Safety.NORMAL:
+            return SafetyBits.NORMAL
+        if self is Safety.PROTECTIVE_STOP:
+            return SafetyBits.PROTECTIVE_STOP | SafetyBits.STOPPED
+        return SafetyBits.ROBOT_EMERGENCY_STOP | SafetyBits.EMERGENCY_STOP | SafetyBits.STOPPED
 
 
 class Runtime(IntEnum):
@@ -71,6 +67,14 @@ class Registers:
     out_double: list[float] = field(default_factory=lambda: [0.0] * REGISTERS)
 
 
+class Running(Protocol):
+    """A program that runs on the controller."""
+
+    def cycle(self) -> bool:
+        """Go on for one cycle; False: it has ended."""
+        ...
+
+
 class Controller:
     """An emulated controller: everything but the sockets. Call `tick` for every 2 ms, `idle` to
     answer without moving."""
@@ -85,7 +89,7 @@ class Controller:
         self.digital_outputs = 0
         self.analog_outputs = [0.0, 0.0]
         self.safety, self.mode = Safety.NORMAL, Mode.RUNNING
-        self.program: Program | None = None
+        self.program: Running | None = None
         self.freedrive = False
         self.ticks = 0
         self.on_tick: list[Callable[[], None]] = []
@@ -96,7 +100,7 @@ class Controller:
         self._fed_tick = 0
         self.q = plant.home  # commanded
         self.qd = np.zeros(6)
-        self.motion: EmulatedMotion = Hold(self.q)
+        self.motion = EmulatedMotion(self.q)
         self._read()
 
     # --- time ------------------------------------------------------------------------------------
@@ -141,15 +145,14 @@ class Controller:
     def _next(self) -> Array:
         try:
             q = self.motion.step(TICK, self.speed_slider)
+            if not np.abs(q).max() > _JOINT_LIMIT:
+                return q
+            why = "a joint is at its limit"
         except RobotFault as fault:
-            self.motion = Hold(self.q)
-            self.protective_stop(str(fault))
-            return self.q
-        if np.abs(q).max() > _JOINT_LIMIT:
-            self.motion = Hold(self.q)
-            self.protective_stop("a joint is at its limit")
-            return self.q
-        return q
+            why = str(fault)
+        self.motion = EmulatedMotion(self.q)
+        self.protective_stop(why)
+        return self.q
 
     def _read(self) -> None:
         self.sensor.read(self.plant.force, self.plant.torque, self.plant.flange[:3, :3])
@@ -162,7 +165,7 @@ class Controller:
         gripper."""
         self.q = self.plant.home
         self.qd = np.zeros(6)
-        self.motion = Hold(self.q)
+        self.motion = EmulatedMotion(self.q)
         self.gripper.grip()
         self._began_tick = self.ticks
         self._read()
@@ -173,13 +176,13 @@ class Controller:
     def runtime(self) -> Runtime:
         return Runtime.STOPPED if self.program is None else Runtime.PLAYING
 
-    def play(self, path: tuple[Waypoint, ...]) -> None:
-        """Start the client library's control program; `path` is the one it was uploaded with."""
+    def play(self, start: Callable[["Controller"], Running]) -> None:
+        """Start a client's program, which `start` makes."""
         if self.safety is not Safety.NORMAL or self.mode is not Mode.RUNNING:
             note(self, f"a program was refused: the robot is {self.mode.name}, {self.safety.name}")
             return
         self.end_program("another program begins")
-        self.program = Program(self, path)
+        self.program = start(self)
 
     def end_program(self, why: str) -> None:
         """End the program; the arm comes to rest."""

@@ -1,40 +1,28 @@
-"""The emulator put together: plant, controller, ports, pace and camera."""
+"""One emulated cell: the plant, its controller, the pace, and what the experiment may do with
+them."""
 
 import asyncio
-import contextlib
-import errno
-import gc
 import ipaddress
-import os
 import secrets
-import signal
-from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pliant import tokens
-from pliant.conditions import Setup, condition
-from pliant.emulator import admin, faults, frames
+from pliant.conditions import Setup
+from pliant.emulator import faults, frames
 from pliant.emulator.block import Block, CameraFault
-from pliant.emulator.camera import CameraProcess
-from pliant.emulator.controller import FREQUENCY, Controller, SafetyLimits, note
-from pliant.emulator.gripper import REFUSED
+from pliant.emulator.controller import Controller, SafetyLimits, note
 from pliant.emulator.motion import ToolLine, Travel
-from pliant.emulator.pace import MOST_SPEED, EmulatorPace, Pacing
+from pliant.emulator.pace import MOST_SPEED, EmulatorPace
 from pliant.emulator.plant import Plant, nominal_payload
-from pliant.emulator.ports import GREETING, NOT_UNDERSTOOD, Dashboard, Lines, Scripts
 from pliant.emulator.rtde import Rtde
 from pliant.errors import InputError
 from pliant.sim import constants as c
 from pliant.task import Task, load_task
+from pliant.ur5e.protocol import ADMIN_PORT, CAMERA_PORT, FREQUENCY, Pacing
 
-RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT, GRIPPER_PORT = 30004, 30003, 29999, 63352  # the clients'
-ADMIN_PORT, CAMERA_PORT = 30100, 30101
-_PARENT = os.getppid()  # as it began: it may be gone before the ports are open
-_PARENT_CHECK_S = 0.2
 _GUIDED_ACCELERATION = 0.5  # [m/s2]
 
 
@@ -86,15 +74,12 @@ class Options:
         ):
             if not 0.0 < value <= most:
                 raise InputError(f"{name} {value:g}: it must be above 0 and at most {most:g}")
-        if not 0.0 <= self.client_patience <= faults.MOST_WAIT_S:
-            raise InputError(
-                f"client-patience {self.client_patience:g} s: it must be 0 to"
-                f" {faults.MOST_WAIT_S:g} s"
-            )
-        if not 0.0 <= self.force_noise <= faults.MOST_NOISE:
-            raise InputError(
-                f"force-noise {self.force_noise:g} N: it must be 0 to {faults.MOST_NOISE:g} N"
-            )
+        for name, value, most, unit in (
+            ("client-patience", self.client_patience, faults.MOST_WAIT_S, "s"),
+            ("force-noise", self.force_noise, faults.MOST_NOISE, "N"),
+        ):
+            if not 0.0 <= value <= most:
+                raise InputError(f"{name} {value:g} {unit}: it must be 0 to {most:g} {unit}")
         if self.box is not None and any(
             not low < high for low, high in zip(self.box[:3], self.box[3:], strict=True)
         ):
@@ -118,24 +103,8 @@ class Options:
             ) from error
 
 
-async def serve(options: Options, say: Callable[[str], None]) -> None:
-    """Serve an emulated cell until it is stopped; `say` gets a line when it is ready.
-
-    Raises:
-        InputError: an option cannot be used, a port is taken, or there is no OpenGL.
-    """
-    options.check()
-    schedule = faults.load(options.faults) if options.faults is not None else []
-    task, setup = load_task(options.peg), condition(options.condition).draw(options.seed)
-    with contextlib.closing(Block()) as block:
-        block.set_up(options.peg, setup)
-        with CameraProcess(options.host, options.camera_port, block.name) as camera:
-            emulated = Emulator(options, Plant(task, setup), block, schedule)  # side by side
-            await emulated.run(camera, say)
-
-
 class Emulator:
-    """One emulated cell. `run` serves it until it is stopped."""
+    """One emulated cell: everything but its ports."""
 
     def __init__(
         self,
@@ -146,23 +115,26 @@ class Emulator:
     ) -> None:
         """Put a cell together; `schedule` says when in each trial [s] which fault comes, in
         order."""
-        self._options, self.plant, self._block = options, plant, block
+        self.options, self.plant, self._block = options, plant, block
         self._schedule, self._pending = schedule, list(schedule)
         limits = SafetyLimits(force=options.force_limit, box=options.box)
         self.controller = Controller(self.plant, limits, options.force_noise)
-        self.pace = EmulatorPace(self.controller, self._publish, options.client_patience)
+        self.pace = EmulatorPace(
+            self.controller,
+            lambda always: self.rtde.publish(always=always),
+            options.client_patience,
+        )
         self.pace.set(options.mode, options.speed)
         self.rtde = Rtde(controller=self.controller, wake=self.pace.wake)
         self.controller.on_tick.append(self._after_tick)
-        self._dashboard = Dashboard(self.controller)
         self._stopping = asyncio.Event()
-        self._token = ""  # nobody knows it before the ports are open
+        self.token = ""  # nobody knows it before the ports are open
         self._peg = options.peg
         block.write(self.controller.time_s, plant.qpos)
 
     def is_token(self, token: str) -> bool:
         """Whether somebody knows the emulator's token."""
-        return secrets.compare_digest(token.encode(), self._token.encode())
+        return secrets.compare_digest(token.encode(), self.token.encode())
 
     # --- the experiment's side -------------------------------------------------------------------
 
@@ -213,7 +185,7 @@ class Emulator:
         self.controller.restore()
         self.controller.gripper.readable = True
         self.controller.gripper.grip()
-        self.controller.sensor.noise = self._options.force_noise
+        self.controller.sensor.noise = self.options.force_noise
         self._block.set_fault(CameraFault.OK)
         self.rtde.refuse_until = 0.0
 
@@ -235,11 +207,11 @@ class Emulator:
     def describe(self) -> dict[str, Any]:
         """Frames, tool, payload and pace in the base frame, as a client's configuration needs
         them."""
-        host, task = self._options.host, self.plant.task
+        host, task = self.options.host, self.plant.task
         payload = nominal_payload(task)
         return {
             "host": host,
-            "camera_url": f"http://{host}:{self._options.camera_port}",
+            "camera_url": f"http://{host}:{self.options.camera_port}",
             "peg": self._peg,
             "frequency_hz": FREQUENCY,
             "base_in_task_m": list(c.BASE_POSITION),  # the axes are parallel
@@ -273,87 +245,15 @@ class Emulator:
         }
 
     def stop(self) -> None:
-        """Let `run` return."""
+        """Let whoever waits until it is stopped go on."""
         self._stopping.set()
 
-    # --- inside ----------------------------------------------------------------------------------
+    async def until_stopped(self) -> None:
+        await self._stopping.wait()
 
-    def _publish(self, always: bool) -> None:
-        self.rtde.publish(always=always)
+    # --- inside ----------------------------------------------------------------------------------
 
     def _after_tick(self) -> None:
         self._block.write(self.controller.time_s, self.plant.qpos)
         while self._pending and self._pending[0][0] <= self.controller.trial_s:
             self.suffer(self._pending.pop(0)[1])
-
-    async def run(self, camera: CameraProcess, say: Callable[[str], None]) -> None:
-        """Serve until it is told to stop; `say` gets a line when all ports are open.
-
-        Raises:
-            InputError: a port is taken, or there is no OpenGL.
-        """
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(number, self.stop)
-        await self._open()
-        options = self._options
-        self._token = tokens.make(options.host, options.admin_port)
-        try:
-            await self._serve(camera, say)
-        finally:
-            tokens.remove(options.host, options.admin_port)
-
-    async def _serve(self, camera: CameraProcess, say: Callable[[str], None]) -> None:
-        await asyncio.to_thread(camera.wait)
-        gc.freeze()  # models and libraries: nothing that the collector need visit again
-        tasks = [asyncio.create_task(job) for job in self._jobs()]
-        say(self._greeting())
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in tasks:
-            task.cancel()
-        for result in await asyncio.gather(*tasks, return_exceptions=True):
-            if isinstance(result, Exception):
-                raise result
-
-    def _jobs(self) -> Iterator[Coroutine[Any, Any, object]]:
-        yield self.pace.run()
-        yield self._stopping.wait()
-        if self._options.with_parent:
-            yield _until_orphaned()
-
-    async def _open(self) -> None:
-        controller, host = self.controller, self._options.host
-        loop = asyncio.get_running_loop()
-        factories: list[tuple[int, Callable[[], asyncio.BaseProtocol]]] = [
-            (RTDE_PORT, self.rtde.connection),
-            (SCRIPT_PORT, lambda: Scripts(controller, self.pace.wake)),
-            (DASHBOARD_PORT, lambda: Lines(self._dashboard.answer, NOT_UNDERSTOOD, GREETING)),
-            (GRIPPER_PORT, lambda: Lines(controller.gripper.answer, REFUSED)),
-            (self._options.admin_port, lambda: admin.protocol(self)),
-        ]
-        for port, factory in factories:
-            try:
-                await loop.create_server(factory, host, port)
-            except OSError as error:
-                if error.errno == errno.EADDRNOTAVAIL:
-                    raise InputError(
-                        f"host {host} is no address of this machine: give one that is, as 127.0.0.2"
-                    ) from error
-                raise InputError(
-                    f"port {port} on {host} cannot be opened ({os.strerror(error.errno or 0)}):"
-                    " end the program that has it, or give another --host, as 127.0.0.2"
-                ) from error
-
-    def _greeting(self) -> str:
-        options, pace = self._options, self.pace
-        pacing = f"{pace.pacing} at {pace.speed:g}×" if pace.pacing is Pacing.FAST else pace.pacing
-        return (
-            f"ready: UR5e at {options.host}, {pacing};"
-            f" admin {options.host}:{options.admin_port};"
-            f" camera http://{options.host}:{options.camera_port}/side.jpg"
-        )
-
-
-async def _until_orphaned() -> None:
-    while os.getppid() == _PARENT:
-        await asyncio.sleep(_PARENT_CHECK_S)

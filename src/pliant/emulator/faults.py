@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from pliant import files
 from pliant.emulator.block import CameraFault
@@ -21,25 +21,21 @@ MOST_WAIT_S = 3600.0
 Seconds = Annotated[float, Field(ge=0.0, le=MOST_WAIT_S, allow_inf_nan=False)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ProtectiveStop(_Strict):
+class ProtectiveStop(files.Fields):
     kind: Literal["protective_stop"]
 
 
-class EmergencyStop(_Strict):
+class EmergencyStop(files.Fields):
     """An emergency stop: someone presses the button."""
 
     kind: Literal["emergency_stop"]
 
 
-class PowerOff(_Strict):
+class PowerOff(files.Fields):
     kind: Literal["power_off"]
 
 
-class Stall(_Strict):
+class Stall(files.Fields):
     """A stall: the controller neither moves nor sends for some time of the wall's clock, then goes
     on."""
 
@@ -47,14 +43,14 @@ class Stall(_Strict):
     seconds: Seconds
 
 
-class DropRtde(_Strict):
+class DropRtde(files.Fields):
     """A loss of RTDE: every connection is cut; new ones are refused for `refuse_s`."""
 
     kind: Literal["drop_rtde"]
     refuse_s: Seconds = 0.0
 
 
-class CameraState(_Strict):
+class CameraState(files.Fields):
     """A state of the camera: frames stop changing, are answered with status 503, or with a closed
     connection."""
 
@@ -62,13 +58,13 @@ class CameraState(_Strict):
     state: CameraFault
 
 
-class GripperLost(_Strict):
+class GripperLost(files.Fields):
     """A lost peg: it slips out of the fingers, as the gripper reports it."""
 
     kind: Literal["gripper_lost"]
 
 
-class ForceNoise(_Strict):
+class ForceNoise(files.Fields):
     """Gaussian noise on each axis of the measured force, one standard deviation."""
 
     kind: Literal["force_noise"]

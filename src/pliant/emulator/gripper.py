@@ -4,7 +4,7 @@ It moves on the controller's clock. The peg in the model is fixed to the wrist: 
 or losing the peg, changes what the gripper reports, not the physics.
 """
 
-from enum import IntEnum
+from pliant.ur5e.protocol import Object
 
 REFUSED = "nack"
 """The reply to a line that is no request."""
@@ -14,15 +14,6 @@ _FASTEST, _SLOWEST = 400.0, 55.0  # [1/s] in units of position
 _ACTIVATION_S = 1.5
 _WRITABLE = ("ACT", "GTO", "FOR", "SPE", "POS", "ATR", "ARD")
 _READABLE = ("ACT", "GTO", "FOR", "SPE", "POS", "PRE", "STA", "OBJ", "FLT", "ATR", "ARD")
-
-
-class Object(IntEnum):
-    """The gripper's object detection, as its variable OBJ reports it."""
-
-    MOVING = 0
-    OPENING = 1  # contact while opening
-    CLOSING = 2  # contact while closing
-    NONE = 3  # arrived where it was sent
 
 
 class EmulatedGripper:

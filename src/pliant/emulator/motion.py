@@ -8,12 +8,13 @@ of the measured ones.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from pliant.emulator.frames import Array, inverse, rotation, rotation_vector
+from pliant.emulator.frames import Array, inverse
 from pliant.emulator.plant import Plant
+from pliant.sim.arm import rotation, rotation_vector
+from pliant.ur5e.configuration import placed
 
 ROTATION_RADIUS = 0.2  # [m]: a turn by an angle counts as this long an arc
 _DONE = 1e-9  # [m, rad]
@@ -31,8 +32,12 @@ class Waypoint:
     acceleration: float
 
 
-class EmulatedMotion(Protocol):
-    done: bool
+class EmulatedMotion:
+    """A motion of the commanded joints. This one stays where it is."""
+
+    def __init__(self, q: Array) -> None:
+        self.done = True
+        self._q = q
 
     def step(self, dt: float, scale: float) -> Array:  # (6,)
         """The joints `dt` [s] later, at a fraction `scale` of the speed asked for.
@@ -40,34 +45,10 @@ class EmulatedMotion(Protocol):
         Raises:
             RobotFault: the arm cannot follow.
         """
-        ...
-
-    def brake(self, deceleration: float, *, joints: bool) -> None:
-        """Come to rest at `deceleration` [m/s2], or [rad/s2] of the fastest joint."""
-        ...
-
-
-class Hold:
-    """A motion that stays where it is."""
-
-    def __init__(self, q: Array) -> None:
-        self.done = True
-        self._q = q
-
-    def step(self, dt: float, scale: float) -> Array:
         return self._q
 
     def brake(self, deceleration: float, *, joints: bool) -> None:
-        """Do nothing: the motion is at rest."""
-
-
-class Path(Protocol):
-    """A curve of a known length, in joint angles."""
-
-    @property
-    def length(self) -> float: ...
-
-    def joints(self, s: float, near: Array) -> Array: ...  # (6,)
+        """Come to rest at `deceleration` [m/s2], or [rad/s2] of the fastest joint."""
 
 
 class JointLine:
@@ -97,19 +78,23 @@ class ToolLine:
 
     def joints(self, s: float, near: Array) -> Array:
         part = s / self.length if self.length else 1.0
-        at = np.eye(4)
-        at[:3, 3] = self._position + part * self._shift
-        at[:3, :3] = self._rotation @ rotation(part * self._turn)
+        facing = self._rotation @ rotation(part * self._turn)
+        at = placed(self._position + part * self._shift, facing)
         return self._plant.solve(at @ self._flange_on_tool, near)
 
 
-class Travel:
+Path = JointLine | ToolLine
+"""A curve of a known length, in joint angles."""
+
+
+class Travel(EmulatedMotion):
     """A motion along a path from rest to rest: trapezoidal speed, which `scale` may change on the
     way."""
 
     def __init__(self, path: Path, start: Array, speed: float, acceleration: float) -> None:
+        super().__init__(start)
         self.done = path.length < _DONE
-        self._path, self._q = path, start
+        self._path = path
         self._speed, self._acceleration = speed, acceleration
         self._s = self._v = 0.0
         self._braking: float | None = None
@@ -151,7 +136,7 @@ def _speed_to_stop(left: float, deceleration: float, dt: float) -> float:
     return step * (math.sqrt(0.25 + 2.0 * left / (step * dt)) - 0.5) + _DONE
 
 
-class Drive:
+class Drive(EmulatedMotion):
     """A motion at a velocity that changes with limited acceleration: of the tool [m/s, rad/s], or
     of the joints [rad/s]."""
 
@@ -160,9 +145,9 @@ class Drive:
     ) -> None:
         """Begin at rest at `start`; `advance(q, change)` gives the joints after a small change (6,)
         of tool or joints."""
+        super().__init__(start)
         self.done = False
-        self.joints = joints
-        self._q, self._advance = start, advance
+        self.joints, self._advance = joints, advance
         self._v, self._target, self._acceleration = np.zeros(6), np.zeros(6), 0.5
         self._braking = False
 
@@ -201,13 +186,14 @@ def tool_advance(plant: Plant, tool: Array) -> Callable[[Array, Array], Array]:
     return advance
 
 
-class Follow:
+class Follow(EmulatedMotion):
     """A motion behind a target that the client keeps moving, as servoj does: smoothed,
     speed-limited."""
 
     def __init__(self, start: Array, limit: float) -> None:
+        super().__init__(start)
         self.done = False
-        self._q, self._limit = start, limit
+        self._limit = limit
         self._target, self._lag_s = start, 0.1
 
     def toward(self, target: Array, lag_s: float) -> None:

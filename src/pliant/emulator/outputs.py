@@ -11,6 +11,7 @@ import numpy as np
 from pliant.emulator import frames
 from pliant.emulator.controller import REGISTERS, Controller, Runtime
 from pliant.emulator.frames import Array
+from pliant.ur5e.protocol import Mode
 
 Value = float | Sequence[float] | Array
 Getter = Callable[[Controller], Value]
@@ -33,14 +34,6 @@ _POWER_ON, _PROGRAM_RUNNING = 1, 2  # robot status bits
 _JOINT_RUNNING = (253,) * 6
 
 
-def _tool_pose(c: Controller) -> Value:
-    return frames.pose(c.tool_pose())
-
-
-def _tool_target(c: Controller) -> Value:
-    return frames.pose(c.tool_target())
-
-
 def _tool_speed(c: Controller) -> Value:
     linear, angular = c.plant.flange_velocity()
     lever = c.plant.flange[:3, :3] @ c.tool[:3, 3]
@@ -52,7 +45,7 @@ def _tool_force(c: Controller) -> Value:
 
 
 def _status_bits(c: Controller) -> int:
-    powered = _POWER_ON if c.mode >= 5 else 0
+    powered = _POWER_ON if c.mode >= Mode.IDLE else 0
     return powered | (_PROGRAM_RUNNING if c.runtime is Runtime.PLAYING else 0)
 
 
@@ -74,10 +67,10 @@ VARIABLES: dict[str, tuple[str, Getter]] = {
     "actual_current_as_torque": ("VECTOR6D", lambda c: c.plant.joint_torques),
     "actual_moment": ("VECTOR6D", lambda c: c.plant.joint_torques),
     "joint_control_output": ("VECTOR6D", _constant(_ZEROS)),
-    "actual_TCP_pose": ("VECTOR6D", _tool_pose),
+    "actual_TCP_pose": ("VECTOR6D", lambda c: frames.pose(c.tool_pose())),
     "actual_TCP_speed": ("VECTOR6D", _tool_speed),
     "actual_TCP_force": ("VECTOR6D", _tool_force),
-    "target_TCP_pose": ("VECTOR6D", _tool_target),
+    "target_TCP_pose": ("VECTOR6D", lambda c: frames.pose(c.tool_target())),
     "target_TCP_speed": ("VECTOR6D", _constant(_ZEROS)),
     "actual_digital_input_bits": ("UINT64", _constant(0)),
     "joint_temperatures": ("VECTOR6D", _constant((30.0,) * 6)),
@@ -110,14 +103,10 @@ VARIABLES: dict[str, tuple[str, Getter]] = {
 }
 
 
-def _int_register(index: int) -> Getter:
-    return lambda c: c.registers.out_int[index]
+def _register(kind: str, index: int) -> Getter:
+    return lambda c: getattr(c.registers, f"out_{kind}")[index]
 
 
-def _double_register(index: int) -> Getter:
-    return lambda c: c.registers.out_double[index]
-
-
-for _index in range(REGISTERS):
-    VARIABLES[f"output_int_register_{_index}"] = ("INT32", _int_register(_index))
-    VARIABLES[f"output_double_register_{_index}"] = ("DOUBLE", _double_register(_index))
+for _kind, _type in (("int", "INT32"), ("double", "DOUBLE")):
+    for _index in range(REGISTERS):
+        VARIABLES[f"output_{_kind}_register_{_index}"] = (_type, _register(_kind, _index))

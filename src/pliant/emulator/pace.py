@@ -8,23 +8,15 @@ physics, so that a client on a loaded machine meets the same robot as on an idle
 
 import asyncio
 from collections.abc import Callable
-from enum import StrEnum
 
 from pliant.emulator.controller import Controller
 from pliant.emulator.plant import TICK
+from pliant.ur5e.protocol import Pacing
 
 MOST_SPEED = 100.0  # times real time; what is reached is another matter
 _LATE_S = TICK  # of the wall's time: what is later than this is lost
 _IDLE_S = 0.005  # between answers, while a lockstep client grants nothing
 _TICKS_UNSEEN = 25  # at most, within one grant: a client acts between grants, not within
-
-
-class Pacing(StrEnum):
-    """The relation between the controller's time and the wall's."""
-
-    REAL = "real"
-    FAST = "fast"
-    LOCKSTEP = "lockstep"
 
 
 class EmulatorPace:

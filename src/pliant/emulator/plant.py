@@ -11,14 +11,16 @@ import numpy as np
 
 from pliant.cell import Truth
 from pliant.conditions import Setup
-from pliant.emulator.frames import Array, cross, inverse, placed
-from pliant.emulator.sensor import GRAVITY, SensorPayload
+from pliant.emulator.frames import Array, cross, inverse
+from pliant.emulator.sensor import SensorPayload
 from pliant.errors import RobotFault
 from pliant.sim import constants as c
 from pliant.sim import model as m
 from pliant.sim import replay
 from pliant.sim.cell import SimCell
 from pliant.task import Task
+from pliant.ur5e.configuration import placed
+from pliant.wrist import GRAVITY
 
 TICK = c.TIMESTEP  # [s] of the controller: one physics step
 _FLANGE_SITE = "attachment_site"

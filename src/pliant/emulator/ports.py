@@ -3,10 +3,13 @@
 import asyncio
 import re
 from collections.abc import Callable
+from functools import partial
 
-from pliant.emulator.controller import Controller, Mode, Runtime, Safety, note
+from pliant.emulator.controller import Controller, Runtime, Safety, note
 from pliant.emulator.motion import Waypoint
+from pliant.emulator.program import Program
 from pliant.emulator.rtde import VERSION
+from pliant.ur5e.protocol import STOPPED, Mode
 
 _SERIAL_NUMBER = "20235500001"
 _MOST_LINE = 4096  # [bytes]
@@ -22,7 +25,15 @@ _MOVE = re.compile(
 )
 
 
-class Lines(asyncio.Protocol):
+class _Port(asyncio.Protocol):
+    """One client's connection."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+
+class Lines(_Port):
     """Answers each line that a client sends; hangs up on the first that is none of its own, whose
     answer begins with `refusal`: a web page's request may hold, further down, one that is."""
 
@@ -31,10 +42,9 @@ class Lines(asyncio.Protocol):
         self._buffer = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+        super().connection_made(transport)
         if self._greeting:
-            transport.write(self._greeting.encode())
+            self._transport.write(self._greeting.encode())
 
     def data_received(self, data: bytes) -> None:
         *lines, self._buffer = (self._buffer + data).split(b"\n")
@@ -67,19 +77,19 @@ class Dashboard:
             "robotmode": lambda: f"Robotmode: {controller.mode.name}",
             "safetymode": lambda: f"Safetymode: {controller.safety.name}",
             "safetystatus": lambda: f"Safetystatus: {controller.safety.name}",
-            "running": self._running,
-            "programstate": self._state,
+            "running": lambda: f"Program running: {str(self._plays()).lower()}",
+            "programstate": lambda: "PLAYING script" if self._plays() else "STOPPED No program",
             "get loaded program": lambda: "No program loaded",
             "isprogramsaved": lambda: "true /",
-            "stop": self._stop,
+            "stop": _after(partial(controller.end_program, "stopped at the dashboard"), STOPPED),
             "play": lambda: "Failed to execute: play",
             "pause": lambda: "Failed to execute: pause",
             "unlock protective stop": controller.unlock,
             "close safety popup": lambda: "closing safety popup",
             "close popup": lambda: "closing popup",
             "restart safety": self._restart_safety,
-            "power on": self._power_on,
-            "power off": self._power_off,
+            "power on": _after(controller.power_on, "Powering on"),
+            "power off": _after(controller.power_off, "Powering off"),
             "brake release": self._release,
             "quit": lambda: "Disconnected",
         }
@@ -93,28 +103,13 @@ class Dashboard:
         answer = self._answers.get(words)
         return (answer() if answer else f"{NOT_UNDERSTOOD}: '{line}'") + "\n"
 
-    def _running(self) -> str:
-        return f"Program running: {str(self._c.runtime is Runtime.PLAYING).lower()}"
-
-    def _state(self) -> str:
-        return "PLAYING script" if self._c.runtime is Runtime.PLAYING else "STOPPED No program"
-
-    def _stop(self) -> str:
-        self._c.end_program("stopped at the dashboard")
-        return "Stopped"
+    def _plays(self) -> bool:
+        return self._c.runtime is Runtime.PLAYING
 
     def _restart_safety(self) -> str:
         if self._c.safety is Safety.ROBOT_EMERGENCY_STOP:
             return "Failed to execute: restart safety"
         return "Restarting safety"
-
-    def _power_on(self) -> str:
-        self._c.power_on()
-        return "Powering on"
-
-    def _power_off(self) -> str:
-        self._c.power_off()
-        return "Powering off"
 
     def _release(self) -> str:
         if self._c.mode is Mode.POWER_OFF:
@@ -123,10 +118,20 @@ class Dashboard:
         return "Brake releasing"
 
 
+def _after(act: Callable[[], None], said: str) -> Callable[[], str]:
+    """An answer that is given once something has been done."""
+
+    def answer() -> str:
+        act()
+        return said
+
+    return answer
+
+
 # --- scripts -------------------------------------------------------------------------------------
 
 
-class Scripts(asyncio.Protocol):
+class Scripts(_Port):
     """Takes uploaded scripts; a script ends with `end` at the start of a line.
 
     Only ur_rtde's control program is known: it is not interpreted, the emulator has it built in.
@@ -135,10 +140,6 @@ class Scripts(asyncio.Protocol):
     def __init__(self, controller: Controller, wake: Callable[[], None]) -> None:
         self._controller, self._wake = controller, wake
         self._buffer = ""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
 
     def data_received(self, data: bytes) -> None:
         self._buffer += data.decode("utf-8", "replace")
@@ -157,7 +158,7 @@ class Scripts(asyncio.Protocol):
         if name != _CONTROL_PROGRAM:
             note(self._controller, f"script '{name}' is not ur_rtde's control program: ignored")
             return
-        self._controller.play(path_in(script))
+        self._controller.play(partial(Program, path=path_in(script)))
         self._wake()
 
 

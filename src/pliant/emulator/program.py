@@ -6,11 +6,11 @@ cleared the command. A command that takes time is a generator that yields once p
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.emulator import frames
+from pliant.emulator.controller import Controller
 from pliant.emulator.frames import Array
 from pliant.emulator.motion import (
     Drive,
@@ -23,9 +23,6 @@ from pliant.emulator.motion import (
     tool_advance,
 )
 from pliant.emulator.plant import TICK
-
-if TYPE_CHECKING:
-    from pliant.emulator.controller import Controller
 
 _READY, _DONE = 1, 2
 _STOP_SCRIPT = 255
@@ -45,7 +42,7 @@ class Program:
     """The running control program. Call `cycle` once per controller cycle, until it returns
     False."""
 
-    def __init__(self, controller: "Controller", path: tuple[Waypoint, ...]) -> None:
+    def __init__(self, controller: Controller, path: tuple[Waypoint, ...] = ()) -> None:
         self._c, self._path = controller, path
         self._registers = controller.registers
         self._busy: Iterator[None] | None = None
@@ -85,9 +82,16 @@ class Program:
         return True
 
     def _perform(self, command: int) -> Iterator[None] | None:
-        if command not in _COMMANDS:
+        if command in _COMMANDS:
+            return _COMMANDS[command](self)
+        if command not in _QUESTIONS:
             raise _Refused(f"command {command} of the control script is not emulated")
-        return _COMMANDS[command](self)
+        answer = _QUESTIONS[command](self)
+        if isinstance(answer, bool):
+            self._registers.out_int[1] = int(answer)
+        else:
+            self._registers.out_double[: len(answer)] = [float(v) for v in answer]
+        return None
 
     # --- registers -------------------------------------------------------------------------------
 
@@ -107,12 +111,6 @@ class Program:
 
     def _double(self, index: int) -> float:
         return self._registers.in_double[index]
-
-    def _answer(self, values: Array | tuple[float, ...]) -> None:
-        self._registers.out_double[: len(values)] = [float(v) for v in values]
-
-    def _flag(self, value: bool) -> None:
-        self._registers.out_int[1] = int(value)
 
     # --- motion ----------------------------------------------------------------------------------
 
@@ -147,27 +145,26 @@ class Program:
         c = self._c
         return ToolLine(c.plant, c.tool, c.q, target)
 
+    def _pose(self, first: int = 0) -> Array:  # (4, 4)
+        """The transform of the pose in the registers from `first` on."""
+        return frames.transform(self._six(first))
+
+    def _tool_at(self, q: Array) -> Array:  # (4, 4)
+        """The tool's centre point at joint angles (6,)."""
+        return self._c.plant.flange_of(q) @ self._c.tool
+
+    def _joints_for_pose(self) -> Array:  # (6,)
+        return self._solved(self._pose(), self._c.q)
+
     def _solved(self, tool: Array, near: Array) -> Array:
         q = self._c.plant.solution(tool @ frames.inverse(self._c.tool), near)
         if q is None:
             raise _Refused(f"no inverse kinematics for {np.round(frames.pose(tool), 4).tolist()}")
         return q
 
-    def _move_j(self) -> Iterator[None] | None:
-        return self._joint_move(self._six(0))
-
-    def _move_j_ik(self) -> Iterator[None] | None:
-        return self._joint_move(self._solved(frames.transform(self._six(0)), self._c.q))
-
     def _joint_move(self, q: Array) -> Iterator[None] | None:
         speed, acceleration = self._double(6), self._double(7)
         return self._start(self._go(lambda: JointLine(self._c.q, q), speed, acceleration))
-
-    def _move_l(self) -> Iterator[None] | None:
-        return self._line_move(frames.transform(self._six(0)))
-
-    def _move_l_fk(self) -> Iterator[None] | None:
-        return self._line_move(self._c.plant.flange_of(self._six(0)) @ self._c.tool)
 
     def _line_move(self, target: Array) -> Iterator[None] | None:
         self._solved(target, self._c.q)  # refused before it moves
@@ -190,18 +187,8 @@ class Program:
         if waypoint.joints:
             q = self._solved(frames.transform(values), self._c.q) if waypoint.pose else values
             return self._go(lambda: JointLine(self._c.q, q), waypoint.speed, waypoint.acceleration)
-        target = (
-            frames.transform(values)
-            if waypoint.pose
-            else self._c.plant.flange_of(values) @ self._c.tool
-        )
+        target = frames.transform(values) if waypoint.pose else self._tool_at(values)
         return self._go(lambda: self._line(target), waypoint.speed, waypoint.acceleration)
-
-    def _stop_l(self) -> Iterator[None] | None:
-        return self._stop(joints=False)
-
-    def _stop_j(self) -> Iterator[None] | None:
-        return self._stop(joints=True)
 
     def _stop(self, *, joints: bool) -> Iterator[None] | None:
         deceleration = self._double(0)
@@ -226,12 +213,6 @@ class Program:
             motion = Drive(self._c.q, advance, joints=joints)
             self._c.motion = motion
         motion.toward(self._six(0), self._double(6))
-
-    def _servo_j(self) -> None:
-        self._follow(self._six(0))
-
-    def _servo_l(self) -> None:
-        self._follow(self._solved(frames.transform(self._six(0)), self._c.q))
 
     def _follow(self, q: Array) -> None:
         motion = self._c.motion
@@ -271,78 +252,35 @@ class Program:
     def _zero_sensor(self) -> None:
         self._c.sensor.zero(self._c.plant.flange[:3, :3])
 
-    def _payload(self) -> None:
-        centre = self._centre() or self._c.sensor.payload.centre
-        self._c.set_payload(self._double(0), centre, self._c.sensor.payload.inertia)
-
-    def _target_payload(self) -> None:
-        centre = self._centre() or self._c.sensor.payload.centre
-        self._c.set_payload(self._double(0), centre, tuple(self._six(4)))
-
-    def _centre(self) -> tuple[float, float, float] | None:
+    def _payload(self, *, with_inertia: bool) -> None:
+        before = self._c.sensor.payload
         x, y, z = self._registers.in_double[1:4]
-        return (x, y, z) if (x, y, z) != (0.0, 0.0, 0.0) else None
+        centre = (x, y, z) if (x, y, z) != (0.0, 0.0, 0.0) else before.centre
+        inertia = tuple(self._six(4)) if with_inertia else before.inertia
+        self._c.set_payload(self._double(0), centre, inertia)
 
     def _set_tool(self) -> None:
-        self._c.tool = frames.transform(self._six(0))
+        self._c.tool = self._pose()
 
-    def _protective_stop(self) -> None:
-        self._c.protective_stop("asked for by the client")
+    # --- questions: the numbers that answer them, or yes or no ------------------------------------
 
-    def _watchdog(self) -> None:
-        self._c.watch(self._double(0))
+    def _inverse_near(self) -> Array:
+        return self._solved(self._pose(), self._six(6))
 
-    def _pose_is_safe(self) -> None:
-        self._flag(self._c.within_limits(frames.transform(self._six(0)), self._c.q))
+    def _has_inverse(self) -> bool:
+        flange = self._pose() @ frames.inverse(self._c.tool)
+        return self._c.plant.solution(flange, self._c.q) is not None
 
-    def _joints_are_safe(self) -> None:
-        self._flag(self._c.joints_within_limits(self._six(0)))
+    def _forward_of(self) -> tuple[float, ...]:
+        return frames.pose(self._c.plant.flange_of(self._six(0)) @ self._pose(6))
 
-    def _inverse(self) -> None:
-        self._answer(self._solved(frames.transform(self._six(0)), self._c.q))
-
-    def _inverse_near(self) -> None:
-        self._answer(self._solved(frames.transform(self._six(0)), self._six(6)))
-
-    def _has_inverse(self) -> None:
-        tool = frames.transform(self._six(0)) @ frames.inverse(self._c.tool)
-        self._flag(self._c.plant.solution(tool, self._c.q) is not None)
-
-    def _forward(self) -> None:
-        self._answer(frames.pose(self._c.tool_pose()))
-
-    def _forward_of(self) -> None:
-        tool = frames.transform(self._six(6))
-        self._answer(frames.pose(self._c.plant.flange_of(self._six(0)) @ tool))
-
-    def _trans(self) -> None:
-        self._answer(frames.pose(frames.transform(self._six(0)) @ frames.transform(self._six(6))))
-
-    def _tool_offset(self) -> None:
-        self._answer(frames.pose(self._c.tool))
-
-    def _flange_pose(self) -> None:
-        self._answer(frames.pose(self._c.plant.flange))
-
-    def _waypoint(self) -> None:
-        self._answer(frames.pose(self._c.tool_target()))
-
-    def _steady(self) -> None:
+    def _is_steady(self) -> bool:
         moving = float(np.abs(self._c.plant.qd).max()) > _STEADY
-        self._flag(self._c.motion.done and not moving)
+        return bool(self._c.motion.done) and not moving
 
-    def _step_time(self) -> None:
-        self._answer((TICK,))
-
-    def _history(self) -> None:
+    def _history(self) -> Array:
         ago = min(max(self._registers.in_int[1], 0), len(self._c.history) - 1)
-        self._answer(self._c.history[-1 - ago])
-
-    def _torques(self) -> None:
-        self._answer(self._c.plant.joint_torques)
-
-    def _freedrive_status(self) -> None:
-        self._flag(self._c.freedrive)
+        return self._c.history[-1 - ago]
 
 
 def _is_over(operation: Iterator[None]) -> bool:
@@ -353,44 +291,46 @@ _OVER = object()
 
 _P = Program
 _COMMANDS: Mapping[int, Callable[[Program], Iterator[None] | None]] = {
-    1: _P._move_j,
-    2: _P._move_j_ik,
-    3: _P._move_l,
-    4: _P._move_l_fk,
+    1: lambda p: p._joint_move(p._six(0)),
+    2: lambda p: p._joint_move(p._joints_for_pose()),
+    3: lambda p: p._line_move(p._pose()),
+    4: lambda p: p._line_move(p._tool_at(p._six(0))),
     8: _P._zero_sensor,
     9: _P._speed_j,
     10: _P._speed_l,
-    11: _P._servo_j,
+    11: lambda p: p._follow(p._six(0)),
     15: _P._halted,
     16: _P._halted,
-    17: _P._payload,
+    17: lambda p: p._payload(with_inertia=False),
     18: _P._freedrive,  # teach mode, freedrive's former name
     19: _P._end_freedrive,
-    24: _P._servo_l,
-    26: _P._step_time,
-    27: _P._history,
-    28: _P._waypoint,
+    24: lambda p: p._follow(p._joints_for_pose()),
     29: _P._set_tool,
-    30: _P._inverse_near,
-    31: _P._protective_stop,
-    33: _P._stop_l,
-    34: _P._stop_j,
-    35: _P._watchdog,
-    36: _P._pose_is_safe,
-    37: _P._joints_are_safe,
-    38: _P._torques,
-    39: _P._trans,
-    40: _P._tool_offset,
-    43: _P._forward,
-    44: _P._forward_of,
+    31: lambda p: p._c.protective_stop("asked for by the client"),
+    33: lambda p: p._stop(joints=False),
+    34: lambda p: p._stop(joints=True),
+    35: lambda p: p._c.watch(p._double(0)),
     45: _P._move_path,
-    46: _P._inverse,
-    47: _P._steady,
     51: _P._until_contact,
     52: _P._freedrive,
     53: _P._end_freedrive,
-    54: _P._freedrive_status,
-    58: _P._flange_pose,
+    65: lambda p: p._payload(with_inertia=True),
+}
+_QUESTIONS: Mapping[int, Callable[[Program], Array | tuple[float, ...] | bool]] = {
+    26: lambda p: (TICK,),
+    27: _P._history,
+    28: lambda p: frames.pose(p._c.tool_target()),
+    30: _P._inverse_near,
+    36: lambda p: p._c.within_limits(p._pose(), p._c.q),
+    37: lambda p: p._c.joints_within_limits(p._six(0)),
+    38: lambda p: p._c.plant.joint_torques,
+    39: lambda p: frames.pose(p._pose() @ p._pose(6)),
+    40: lambda p: frames.pose(p._c.tool),
+    43: lambda p: frames.pose(p._c.tool_pose()),
+    44: _P._forward_of,
+    46: _P._joints_for_pose,
+    47: _P._is_steady,
+    54: lambda p: p._c.freedrive,
+    58: lambda p: frames.pose(p._c.plant.flange),
     60: _P._has_inverse,
-    65: _P._target_payload,
 }

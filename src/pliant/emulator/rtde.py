@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pliant.emulator.controller import FREQUENCY, REGISTERS, Controller
+from pliant.emulator.controller import REGISTERS, Controller
 from pliant.emulator.outputs import FORMATS, VARIABLES, Getter
+from pliant.ur5e.protocol import FREQUENCY
 
 VERSION = (5, 12, 6, 1)  # PolyScope's, as reported: from 5.23 on clients expect more registers
 _HEADER = struct.Struct(">HB")
@@ -47,27 +48,7 @@ def is_begun(buffer: bytearray) -> bool:
     return _ASKS_FOR_PROTOCOL.startswith(bytes(buffer[: len(_ASKS_FOR_PROTOCOL)]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recipe:
-    """Names and types of the values in a data package."""
-
-    names: tuple[str, ...]
-    types: tuple[str, ...]
-
-    @property
-    def format(self) -> str:
-        return ">" + "".join(FORMATS[t] for t in self.types)
-
-
 # --- what a client may write ---------------------------------------------------------------------
-
-
-def _input_type(name: str) -> str | None:
-    for kind, rtde_type in (("int", "INT32"), ("double", "DOUBLE")):
-        number = name.removeprefix(f"input_{kind}_register_")
-        if number != name and number.isdigit() and int(number) < REGISTERS:
-            return rtde_type
-    return _INPUTS.get(name)
 
 
 _INPUTS = {
@@ -84,6 +65,8 @@ _INPUTS = {
     "standard_analog_output_0": "DOUBLE",
     "standard_analog_output_1": "DOUBLE",
     "external_force_torque": "VECTOR6D",  # accepted and not used
+    **{f"input_int_register_{i}": "INT32" for i in range(REGISTERS)},
+    **{f"input_double_register_{i}": "DOUBLE" for i in range(REGISTERS)},
 }
 _FIRST_BIT = {
     "standard_digital_output": 0,
@@ -150,7 +133,7 @@ class Connection(asyncio.Protocol):
     def __init__(self, rtde: Rtde) -> None:
         self._rtde, self._controller = rtde, rtde.controller
         self._buffer = bytearray()
-        self._inputs: list[Recipe] = []
+        self._inputs: list[list[tuple[str, str]]] = []  # recipes: names with their types
         self._outputs: list[Getter] = []
         self._format = struct.Struct(">")
         self._started = False
@@ -219,20 +202,20 @@ class Connection(asyncio.Protocol):
             return b"\0" + ",".join(types).encode()
         self.every = max(1, round(FREQUENCY / min(max(frequency, 1.0), FREQUENCY)))
         self._outputs = [v[1] for v in known if v is not None]
-        self._format = struct.Struct(Recipe(names=names, types=types).format)
+        self._format = struct.Struct(">" + "".join(FORMATS[t] for t in types))
         return b"\1" + ",".join(types).encode()
 
     def _claim(self, body: bytes) -> bytes:
         names, owners = _names(body), self._rtde.owners
         types = []
         for name in names:
-            kind = _input_type(name)
+            kind = _INPUTS.get(name)
             taken = owners.get(name, self) is not self
             types.append("NOT_FOUND" if kind is None else "IN_USE" if taken else kind)
         if "NOT_FOUND" in types or "IN_USE" in types:
             return b"\0" + ",".join(types).encode()
         owners.update(dict.fromkeys(names, self))
-        self._inputs.append(Recipe(names=names, types=tuple(types)))
+        self._inputs.append(list(zip(names, types, strict=True)))
         return bytes([len(self._inputs)]) + ",".join(types).encode()
 
     def _take(self, body: bytes) -> None:
@@ -241,9 +224,9 @@ class Connection(asyncio.Protocol):
         number = body[0] if body else 0
         if not 1 <= number <= len(self._inputs):
             raise ValueError(f"there is no input recipe {number}")
-        recipe, offset = self._inputs[number - 1], 1
         values: dict[str, float] = {}
-        for name, kind in zip(recipe.names, recipe.types, strict=True):
+        offset = 1
+        for name, kind in self._inputs[number - 1]:
             code = ">" + FORMATS[kind]
             if offset + struct.calcsize(code) > len(body):
                 break

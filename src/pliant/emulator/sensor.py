@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pliant.emulator.frames import Array, cross
-
-GRAVITY = 9.81  # [m/s2], as in the simulated cell
+from pliant.wrist import GRAVITY
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -69,14 +69,14 @@ class Arm:
     def line(self, start: Pose, end: Pose, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint waypoints (n, 6) [rad], equally spaced on the straight line between two poses."""
         length = float(np.linalg.norm(end.position() - start.position()))
-        turn = _rotation_vector(start.rotation().T @ end.rotation())
+        turn = rotation_vector(start.rotation().T @ end.rotation())
         angle = float(np.linalg.norm(turn))
         n = max(1, math.ceil(length / _WAYPOINT_LENGTH), math.ceil(angle / _WAYPOINT_ANGLE))
         waypoints = [q]
         for s in np.arange(1, n + 1) / n:
             position = start.position() + s * (end.position() - start.position())
-            rotation = start.rotation() @ _matrix(s * turn)
-            waypoints.append(self.solve(position, rotation, waypoints[-1]))
+            facing = start.rotation() @ rotation(s * turn)
+            waypoints.append(self.solve(position, facing, waypoints[-1]))
         return np.array(waypoints)
 
 
@@ -105,14 +105,16 @@ class Profile:
         return np.where(t <= 0, 0.0, rising + np.clip(t - r, 0.0, None))
 
 
-def _rotation_vector(rotation: NDArray[np.float64]) -> NDArray[np.float64]:  # (3,) [rad]
+def rotation_vector(matrix: NDArray[np.float64]) -> NDArray[np.float64]:  # (3,) [rad]
+    """The rotation vector (3,) [rad], at most half a turn long, of a matrix (3, 3)."""
     quaternion, vector = np.zeros(4), np.zeros(3)
-    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(matrix).ravel())
     mujoco.mju_quat2Vel(vector, quaternion, 1.0)
     return vector
 
 
-def _matrix(vector: NDArray[np.float64]) -> NDArray[np.float64]:  # (3, 3)
+def rotation(vector: NDArray[np.float64]) -> NDArray[np.float64]:  # (3, 3)
+    """The matrix (3, 3) of a rotation vector (3,) [rad]."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
         return np.eye(3)

@@ -5,14 +5,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from types import TracebackType
 from typing import Self
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.cell import Motion, Observation, Stop, Trace, Truth, View
+from pliant.cell import HOME_ABOVE_BOARD, Motion, Observation, Samples, Stop, Truth, View, missed
 from pliant.conditions import Setup
 from pliant.errors import RobotFault
 from pliant.pose import Pose, angles_from, pose_from
@@ -25,7 +24,7 @@ from pliant.sim.render import Cameras
 from pliant.sim.sensor import Sensor
 from pliant.sim.setup import apply, is_moving, place
 from pliant.task import Task
-from pliant.wrist import Reading, Watch, is_straight
+from pliant.wrist import Reading, Watch, Way, is_straight, toward_tip
 
 _STEPS_PER_CONTROL = round(c.CONTROL_PERIOD / c.TIMESTEP)
 _CONTROLS_PER_SAMPLE = 5  # of a trace: 20 Hz
@@ -149,14 +148,12 @@ class SimRobot:
         self._feed = Feed(self.setup)
         self._sag = np.zeros(len(self.arm.qpos))  # [rad] set points less joint angles, at rest
         self._controls = 0
-        self._commanded = Pose(z=task.tip_below_hinge + c.HOME_ABOVE_BOARD)
+        self._commanded = Pose(z=task.tip_below_hinge + HOME_ABOVE_BOARD)
         self._home = self.arm.solve(
             self._commanded.position(), self._commanded.rotation(), np.array(HOME_GUESS)
         )
         self._q = self._home
         self._on_step: Callable[[], None] = _nothing
-        # Of a straight press under way: where it began and the wrist's axis, toward the tip.
-        self._way: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     # --- what a trial randomises ---------------------------------------------------------------
 
@@ -166,7 +163,7 @@ class SimRobot:
         mujoco.mj_resetData(model, data)
         self.setup = setup
         apply(model, setup)
-        self._commanded = Pose(z=self.task.tip_below_hinge + c.HOME_ABOVE_BOARD)
+        self._commanded = Pose(z=self.task.tip_below_hinge + HOME_ABOVE_BOARD)
         self._q = self._home
         data.qpos[self.arm.qpos] = self._home
         data.ctrl[:] = self._home
@@ -191,12 +188,7 @@ class SimRobot:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.halt()
 
     def move_to(self, pose: Pose, *, speed_m_s: float, stop_at_compression_m: float) -> Motion:
@@ -291,14 +283,15 @@ class SimRobot:
         started = self.clock()
         peak = self._watched()
         stop = Stop.REACHED
-        samples = _Samples()
+        samples = Samples()
         margin = _UNLOADING + self._sensor.margin
         limit = min(limit, self._wrist.limit_m)
-        if not self._wrist.begin(peak, self._toward_tip(pose), limit):
+        way = None
+        if is_straight(self._commanded, pose):
+            way = Way(self._commanded.position(), -pose.rotation()[:, 2])
+        if not self._wrist.begin(peak, toward_tip(self._commanded, pose), limit, way):
             path = self.data.ctrl[None].copy()
             stop = Stop.COMPRESSION
-        if is_straight(self._commanded, pose):
-            self._way = self._commanded.position(), -pose.rotation()[:, 2]
         ticks = len(path)
         for k in range(ticks):
             self.data.ctrl[:] = path[k]
@@ -307,16 +300,14 @@ class SimRobot:
             peak = max(peak, watched)
             ends = self._wrist.ends(watched, margin)
             if k % _CONTROLS_PER_SAMPLE == 0 or k == ticks - 1:
-                self._sample(samples, reading.read_m)
+                samples.take(self.clock(), self.pose(), reading.read_m)
             if ends and stop is Stop.REACHED:
                 stop = Stop.COMPRESSION
                 self._wrist.rest()
-                self._way = None
                 self.halt()
                 self.settle(self._sensor.delay_s)
                 break
         self._wrist.rest()
-        self._way = None
         if stop is Stop.REACHED:
             self._commanded, self._q = pose, path[-1]
         return Motion(
@@ -337,24 +328,7 @@ class SimRobot:
         off, turn = motion.off
         if off > _NEAR_M or turn > _NEAR_RAD:
             self.halt()
-            raise RobotFault(
-                "not_reached",
-                f"a motion ended {off * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal",
-            )
-
-    def _toward_tip(self, pose: Pose) -> float:
-        """The distance [m] that the way to a pose goes along the wrist's axis there, toward the
-        tip."""
-        way = pose.position() - self._commanded.position()
-        return float(-way @ pose.rotation()[:, 2])
-
-    def _along(self) -> float | None:
-        """The distance [m] that a straight press has come along the wrist's axis; None: none is
-        under way."""
-        if self._way is None:
-            return None
-        start, axis = self._way
-        return float((self.data.site_xpos[self._site] - start) @ axis)
+            raise RobotFault("not_reached", missed(off, turn))
 
     def _length(self, pose: Pose) -> float:
         """Length of a motion [m]: of the hinge's line, or of the tip's arc if that is longer."""
@@ -382,7 +356,7 @@ class SimRobot:
             filtered_m=sensor.watched(felt) - self._tared,
             margin_m=sensor.margin,
             noise_m=self.setup.compression_noise,
-            along_m=self._along(),
+            along_m=self._wrist.along(data.site_xpos[self._site]),
         )
         self._obeyed(partial(self._wrist.read, reading))
         return reading
@@ -393,37 +367,11 @@ class SimRobot:
             ask()
         except RobotFault:
             self._wrist.rest()
-            self._way = None
             self.halt()
             raise
 
     def _keep_frame(self) -> None:
         self.frames.append((self.clock(), self.data.qpos.copy()))
-
-    def _sample(self, samples: "_Samples", compression: float) -> None:
-        mujoco.mj_kinematics(self.model, self.data)
-        samples.time_s.append(self.clock())
-        samples.position.append(self.data.site_xpos[self._site].copy())
-        samples.rotation.append(self.data.site_xmat[self._site].reshape(3, 3).copy())
-        samples.compression_m.append(compression)
-
-
-class _Samples:
-    """A trace while it is being taken."""
-
-    def __init__(self) -> None:
-        self.time_s: list[float] = []
-        self.position: list[NDArray[np.float64]] = []
-        self.rotation: list[NDArray[np.float64]] = []
-        self.compression_m: list[float] = []
-
-    def trace(self) -> Trace:
-        angles = [angles_from(r) for r in self.rotation]
-        return Trace(
-            time_s=np.array(self.time_s),
-            pose=np.hstack([np.array(self.position), np.array(angles)]),
-            compression_m=np.array(self.compression_m),
-        )
 
 
 def _along(waypoints: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,7 +38,6 @@ FREEZES_S: Final = 4.0  # [s] when the cameras of a trial with frozen pictures g
 CONTROL_PERIOD: Final = 0.010  # [s] set points, and how often compression is looked at [OWN]
 ACCELERATION_RAMP: Final = 0.15  # [s] from rest to full speed [OWN]
 BASE_POSITION: Final[Vec3] = (-0.5, -0.13, -0.14)  # [m] of the arm in the task frame [OWN]
-HOME_ABOVE_BOARD: Final = 0.06  # [m] of the peg's tip, before a trial [OWN]
 
 # Looks. -------------------------------------------------------------------------------------------
 PEG_RGBA: Final[Rgba] = (0.0, 0.7, 0.7, 1.0)  # cyan [F24], [PAP] Sec. V-A
@@ -52,6 +51,9 @@ SIDE_CAMERA_FOVY: Final = 15.0  # [deg] [OWN]
 OBLIQUE_CAMERA_ELEVATION: Final = math.radians(55)  # [OWN]
 OBLIQUE_CAMERA_FOVY: Final = 13.0  # [deg] [OWN]
 WIDE_CAMERA_FOVY: Final = 36.0  # [deg] [OWN]
+
+
+UNTOUCHED: Final = {"contype": 0, "conaffinity": 0}  # of a geom that only shows
 
 
 def contact(bits: tuple[int, int]) -> dict[str, object]:

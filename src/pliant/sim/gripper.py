@@ -61,33 +61,26 @@ def closed_on(width: float) -> tuple[Part, ...]:
         geom, body = model.geom(i), int(model.geom_bodyid[i])
         if body == 0:
             continue
-        is_tip_pad = geom.name.endswith("_pad1")
-        is_visual = int(geom.group[0]) == _VISUAL_GROUP
-        if is_tip_pad:
-            quaternion = np.zeros(4)
+        if geom.name.endswith("_pad1"):  # of a fingertip
+            name, mesh, half_size = geom.name, None, np.array(geom.size)
+            position, quaternion = data.geom_xpos[i].copy(), np.zeros(4)
             mujoco.mju_mat2Quat(quaternion, data.geom_xmat[i])
-            parts.append(
-                Part(
-                    name=geom.name,
-                    mesh=None,
-                    half_size=np.array(geom.size),
-                    position=data.geom_xpos[i].copy(),
-                    quaternion=quaternion,
-                    rgba=_rgba(model, i),
-                )
+        elif int(geom.group[0]) == _VISUAL_GROUP:  # its pose in its link is the identity
+            drawn = model.mesh(int(model.geom_dataid[i])).name
+            name, mesh, half_size = f"{model.body(body).name}_{drawn}", files[drawn], None
+            position, quaternion = data.xpos[body].copy(), data.xquat[body].copy()
+        else:
+            continue
+        parts.append(
+            Part(
+                name=name,
+                mesh=mesh,
+                half_size=half_size,
+                position=position,
+                quaternion=quaternion,
+                rgba=_rgba(model, i),
             )
-        elif is_visual:  # its pose in its link is the identity
-            mesh = model.mesh(int(model.geom_dataid[i])).name
-            parts.append(
-                Part(
-                    name=f"{model.body(body).name}_{mesh}",
-                    mesh=files[mesh],
-                    half_size=None,
-                    position=data.xpos[body].copy(),
-                    quaternion=data.xquat[body].copy(),
-                    rgba=_rgba(model, i),
-                )
-            )
+        )
     return tuple(parts)
 
 

@@ -42,7 +42,7 @@ TIP_SITE = "tip"  # centre of the peg's bottom face
 BOARD, PEG, WRIST = "board", "peg", "wrist"
 GRASP, WRIST_STIFFNESS = "grasp", "wrist_stiffness"  # what a trial's setup changes, as it was built
 SPRINGS = 3
-_BLACK, _STEEL = [0.12, 0.12, 0.13, 1], [0.75, 0.77, 0.8, 1]
+_STEEL = [0.75, 0.77, 0.8, 1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,18 +54,12 @@ class _WristAxis:
 
 def wrist_axes(task: Task) -> list[_WristAxis]:
     """The wrist's joints in order: four as published, six with lateral springs."""
-    w = task.wrist
-    axes = [
-        _WristAxis(axis=Axis.Z, stiffness=w.stiffness_z, damping=w.damping_z),
-        _WristAxis(axis=Axis.ROLL, stiffness=w.stiffness_roll, damping=w.damping_roll),
-        _WristAxis(axis=Axis.PITCH, stiffness=w.stiffness_pitch, damping=w.damping_pitch),
-        _WristAxis(axis=Axis.YAW, stiffness=w.stiffness_yaw, damping=w.damping_yaw),
+    springs = {axis: getattr(task.wrist, f"stiffness_{axis}") for axis in Axis}
+    return [
+        _WristAxis(axis=axis, stiffness=stiffness, damping=getattr(task.wrist, f"damping_{axis}"))
+        for axis, stiffness in springs.items()
+        if stiffness is not None
     ]
-    if w.stiffness_y is not None:
-        axes.insert(0, _WristAxis(axis=Axis.Y, stiffness=w.stiffness_y, damping=w.damping_y))
-    if w.stiffness_x is not None:
-        axes.insert(0, _WristAxis(axis=Axis.X, stiffness=w.stiffness_x, damping=w.damping_x))
-    return axes
 
 
 def build(task: Task) -> mujoco.MjModel:
@@ -156,28 +150,16 @@ def _soft_wrist(spec: mujoco.MjSpec, task: Task) -> mujoco.MjsBody:
     mujoco.mju_mulQuat(turned, facing, np.array([0.0, 1.0, 0.0, 0.0]))
     point = np.array(flange.pos) + c.WRIST_BELOW_FLANGE * outward
     link.add_site(name=HINGE_SITE, pos=point, quat=turned, group=4)
-    plate = np.array(flange.pos) + 0.004 * outward
-    link.add_geom(
-        name="flange_plate",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=plate,
-        quat=turned,
-        size=[0.0375, 0.004, 0],
-        rgba=_STEEL,
-        contype=0,
-        conaffinity=0,
-        mass=0,
-    )
+    _plate(link, "flange_plate", np.array(flange.pos) + 0.004 * outward, turned)
     wrist = link.add_body(name=WRIST, pos=point, quat=turned)
     wrist.explicitinertial = True
     wrist.mass = c.GRIPPER_MASS
     wrist.ipos = [0, 0, -c.GRIPPER_COM_BELOW_HINGE]
     wrist.inertia = list(c.GRIPPER_INERTIA)
-    directions = {"x": [1, 0, 0], "y": [0, 1, 0], "z": [0, 0, 1]}
-    directions |= {"roll": [1, 0, 0], "pitch": [0, 1, 0], "yaw": [0, 0, 1]}
     for dof in wrist_axes(task):
         kind = mujoco.mjtJoint.mjJNT_HINGE if dof.axis.is_angle else mujoco.mjtJoint.mjJNT_SLIDE
-        joint = wrist.add_joint(name=f"wrist_{dof.axis}", type=kind, axis=directions[dof.axis])
+        direction = np.eye(3)[list(Axis).index(dof.axis) % 3]
+        joint = wrist.add_joint(name=f"wrist_{dof.axis}", type=kind, axis=direction)
         joint.stiffness = [dof.stiffness, 0.0, 0.0]
         joint.damping = [dof.damping, 0.0, 0.0]
         joint.armature = 0.0
@@ -193,50 +175,46 @@ def _soft_wrist(spec: mujoco.MjSpec, task: Task) -> mujoco.MjsBody:
     return wrist
 
 
+def _plate(body: mujoco.MjsBody, name: str, position: object, quaternion: object) -> None:
+    """A steel plate that only shows."""
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=position,
+        quat=quaternion,
+        size=[0.0375, 0.004, 0],
+        rgba=_STEEL,
+        mass=0,
+        **c.UNTOUCHED,
+    )
+
+
 def _gripper(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
     """The closed 2F-85: looks, and two boxes at the fingertips that can touch the board."""
     mount = np.array([0.0, 0.0, c.GRIPPER_RAISED])
     down = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn about y: fingers along -z, y kept
-    wrist.add_geom(
-        name="wrist_plate",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=mount + [0, 0, 0.004],
-        size=[0.0375, 0.004, 0],
-        rgba=_STEEL,
-        contype=0,
-        conaffinity=0,
-        mass=0,
-    )
+    _plate(wrist, "wrist_plate", mount + [0, 0, 0.004], [1.0, 0.0, 0.0, 0.0])
     loaded = set()
     for part in closed_on(2 * task.peg.half_extents[1]):
         position, quaternion = np.zeros(3), np.zeros(4)
         mujoco.mju_rotVecQuat(position, part.position, down)
         mujoco.mju_mulQuat(quaternion, down, part.quaternion)
-        common = {"name": f"gripper_{part.name}", "pos": mount + position, "quat": quaternion}
+        geom = wrist.add_geom(
+            name=f"gripper_{part.name}",
+            pos=mount + position,
+            quat=quaternion,
+            rgba=part.rgba,
+            mass=0,
+            **(c.contact(c.PEG_BITS) if part.mesh is None else c.UNTOUCHED),
+        )
         if part.mesh is None:
-            wrist.add_geom(
-                **common,
-                type=mujoco.mjtGeom.mjGEOM_BOX,
-                size=part.half_size,
-                rgba=part.rgba,
-                mass=0,
-                **c.contact(c.PEG_BITS),
-            )
+            geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, part.half_size
             continue
         mesh = f"gripper_{part.mesh.stem}"
         if mesh not in loaded:
             spec.add_mesh(name=mesh, file=str(part.mesh), scale=[0.001] * 3)
             loaded.add(mesh)
-        wrist.add_geom(
-            **common,
-            type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname=mesh,
-            rgba=part.rgba,
-            contype=0,
-            conaffinity=0,
-            group=2,
-            mass=0,
-        )
+        geom.type, geom.meshname, geom.group = mujoco.mjtGeom.mjGEOM_MESH, mesh, 2
 
 
 def add_peg(spec: mujoco.MjSpec, wrist: mujoco.MjsBody, task: Task) -> None:
@@ -323,8 +301,7 @@ def _surroundings(spec: mujoco.MjSpec) -> None:
         pos=[0, 0, -BLOCK_SIZE[2]],
         size=[1.5, 1.5, 0.1],
         rgba=[0.6, 0.6, 0.58, 1],
-        contype=0,
-        conaffinity=0,
+        **c.UNTOUCHED,
     )
     world.add_light(
         pos=[1.0, -1.0, 2.0],
@@ -334,49 +311,31 @@ def _surroundings(spec: mujoco.MjSpec) -> None:
         specular=[0.1, 0.1, 0.1],
         castshadow=False,
     )
-    world.add_camera(
-        name="side",
-        pos=[c.SIDE_CAMERA_DISTANCE, 0, c.SIDE_CAMERA_HEIGHT],
-        quat=_looking(right=[0, 1, 0], up=[0, 0, 1]),
-        fovy=c.SIDE_CAMERA_FOVY,
-    )
-    world.add_camera(
-        name="front",
-        pos=[0, c.SIDE_CAMERA_DISTANCE, c.SIDE_CAMERA_HEIGHT],
-        quat=_looking(right=[-1, 0, 0], up=[0, 0, 1]),
-        fovy=c.SIDE_CAMERA_FOVY,
-    )
-    high = c.OBLIQUE_CAMERA_ELEVATION
-    _add_camera(
-        world,
-        "oblique",
-        at=np.zeros(3),
-        back=c.SIDE_CAMERA_DISTANCE * np.array([math.cos(high), 0.0, math.sin(high)]),
-        fovy=c.OBLIQUE_CAMERA_FOVY,
-    )
-    _add_camera(
-        world,
-        "wide",
-        at=np.array([-0.15, 0.0, 0.13]),
-        back=np.array([0.95, -0.7, 0.35]),
-        fovy=c.WIDE_CAMERA_FOVY,
-    )
+    high, far = c.OBLIQUE_CAMERA_ELEVATION, c.SIDE_CAMERA_DISTANCE
+    level = c.SIDE_CAMERA_HEIGHT
+    for name, at, back, fovy in (
+        ("side", (0, 0, level), (far, 0, 0), c.SIDE_CAMERA_FOVY),
+        ("front", (0, 0, level), (0, far, 0), c.SIDE_CAMERA_FOVY),
+        (
+            "oblique",
+            (0, 0, 0),
+            (far * math.cos(high), 0, far * math.sin(high)),
+            c.OBLIQUE_CAMERA_FOVY,
+        ),
+        ("wide", (-0.15, 0, 0.13), (0.95, -0.7, 0.35), c.WIDE_CAMERA_FOVY),
+    ):
+        _add_camera(world, name, at=np.array(at), back=np.array(back, float), fovy=fovy)
 
 
 def _add_camera(
     world: mujoco.MjsBody, name: str, *, at: np.ndarray, back: np.ndarray, fovy: float
 ) -> None:
-    """A camera that looks at a point from `back` beyond it, its picture's columns level."""
+    """A camera (x right, y up, looking along -z) that looks at a point from `back` beyond it, its
+    picture's columns level."""
     toward = back / np.linalg.norm(back)
     right = np.cross([0.0, 0.0, 1.0], toward)
     right /= np.linalg.norm(right)
-    quat = _looking(right=right, up=np.cross(toward, right))
-    world.add_camera(name=name, pos=at + back, quat=quat, fovy=fovy)
-
-
-def _looking(*, right: object, up: object) -> np.ndarray:
-    """Quaternion of a MuJoCo camera (x right, y up, looking along -z)."""
-    r, u = np.asarray(right, float), np.asarray(up, float)
     quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.column_stack([r, u, np.cross(r, u)]).ravel())
-    return quaternion
+    axes = np.column_stack([right, np.cross(toward, right), toward])
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    world.add_camera(name=name, pos=at + back, quat=quaternion, fovy=fovy)

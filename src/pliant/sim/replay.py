@@ -61,7 +61,11 @@ def load(folder: Path) -> Trajectory:
         with zipfile.ZipFile(io.BytesIO(folders.read(path, _MOST_BYTES))) as archive:
             if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
                 raise ValueError(f"it holds more than {_MOST_BYTES / 1e6:.0f} MB")
-            arrays = {name: _array(archive.read(name)) for name in archive.namelist()}
+            # A file that holds Python's own objects, which could run code, is not read.
+            arrays: dict[str, NDArray[Any]] = {
+                name: np.lib.format.read_array(io.BytesIO(archive.read(name)), allow_pickle=False)
+                for name in archive.namelist()
+            }
         setup = {
             name.removeprefix(_SETUP).removesuffix(_NPY): array.item()
             for name, array in arrays.items()
@@ -75,13 +79,6 @@ def load(folder: Path) -> Trajectory:
         return Trajectory(time_s=time_s, qpos=qpos, setup=Setup(**setup))
     except _BROKEN as error:
         raise InputError(f"'{path}' is broken: {error}; run the trial again") from error
-
-
-def _array(npy: bytes) -> NDArray[Any]:
-    """An array of numbers; a file that holds Python's own objects, which could run code, is not
-    read."""
-    array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(npy), allow_pickle=False)
-    return array
 
 
 class Replay:

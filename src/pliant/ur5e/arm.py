@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from pliant.errors import InputError, RobotFault, installing
 from pliant.ur5e.configuration import Configuration, Transform, transform, ur_pose
-from pliant.ur5e.pace import LOOK_S, Pace, Stalled, pace_of
+from pliant.ur5e.pace import Pace, Stalled, pace_of
+from pliant.ur5e.protocol import CYCLE_S, FREQUENCY, RTDE_PORT, Mode, SafetyBits
 
-RTDE_PORT = 30004
-_FREQUENCY = 500.0  # [Hz]
 _VARIABLES = [  # only these: all of them take half as much again of a core
     "timestamp",
     "actual_TCP_pose",
@@ -28,13 +27,16 @@ _VARIABLES = [  # only these: all of them take half as much again of a core
     "safety_status_bits",
     "target_speed_fraction",
 ]
-_RUNNING = 7  # robot mode
-_NORMAL = 1 << 0 | 1 << 1  # safety status bits: normal, reduced mode
-_SAFETY = (  # bit, kind of fault, in words; the most serious first
-    (1 << 5 | 1 << 6 | 1 << 7, "emergency_stop", "the emergency stop is pressed"),
-    (1 << 2, "protective_stop", "the arm is in a protective stop"),
-    (1 << 4, "safeguard_stop", "the safeguard has stopped the arm"),
-    (1 << 8 | 1 << 9 | 1 << 10, "protective_stop", "the arm is stopped for safety"),
+_NORMAL = SafetyBits.NORMAL | SafetyBits.REDUCED
+_EMERGENCY = (
+    SafetyBits.SYSTEM_EMERGENCY_STOP | SafetyBits.ROBOT_EMERGENCY_STOP | SafetyBits.EMERGENCY_STOP
+)
+_OTHER = SafetyBits.VIOLATION | SafetyBits.FAULT | SafetyBits.STOPPED
+_SAFETY = (  # bits, kind of fault, in words; the most serious first
+    (_EMERGENCY, "emergency_stop", "the emergency stop is pressed"),
+    (SafetyBits.PROTECTIVE_STOP, "protective_stop", "the arm is in a protective stop"),
+    (SafetyBits.SAFEGUARD_STOP, "safeguard_stop", "the safeguard has stopped the arm"),
+    (_OTHER, "protective_stop", "the arm is stopped for safety"),
 )
 _START_S = 0.5  # for an asynchronous motion to be seen to have begun
 _WHY_S = 0.03  # for the cause of an ended program to arrive
@@ -65,9 +67,9 @@ class ArmClient:
         try:
             # ur_rtde would wait minutes for an address that nobody has.
             socket.create_connection((address, RTDE_PORT), _REACHABLE_S).close()
-            self._receive: Any = RTDEReceiveInterface(address, _FREQUENCY, _VARIABLES)
+            self._receive: Any = RTDEReceiveInterface(address, float(FREQUENCY), _VARIABLES)
             self._check_state()  # else the next line waits for a program that cannot start
-            self._control: Any = RTDEControlInterface(address, _FREQUENCY)
+            self._control: Any = RTDEControlInterface(address, float(FREQUENCY))
             self.pace: Pace = pace_of(configuration, self._stamp_now)
         except (OSError, RuntimeError) as error:
             raise RobotFault(
@@ -94,7 +96,7 @@ class ArmClient:
             give_up = time.monotonic() + _WHY_S
             while time.monotonic() < give_up:
                 self._check_state()
-                time.sleep(LOOK_S)
+                time.sleep(CYCLE_S)
             raise RobotFault("program_stopped", "the control program on the controller has ended")
 
     def _check_connection(self) -> None:
@@ -120,7 +122,7 @@ class ArmClient:
             if bits & mask:
                 raise RobotFault(kind, f"{words}: inspect the cell, then release it by hand")
         mode = self._receive.getRobotMode()
-        if mode != _RUNNING:
+        if mode != Mode.RUNNING:
             raise RobotFault("power_off", f"the arm is not running (robot mode {mode})")
         if not bits & _NORMAL:
             raise RobotFault("protective_stop", f"the safety status is not normal ({bits:#x})")

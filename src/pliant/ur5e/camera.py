@@ -9,23 +9,22 @@ import http.client
 import threading
 import time
 import urllib.error
-from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pliant import pictures
 from pliant.cell import View
 from pliant.errors import InputError, RobotFault, installing
 from pliant.network import open_directly
+from pliant.pictures import Picture
 from pliant.ur5e import configuration as c
+from pliant.ur5e.protocol import TIME_HEADER
 
-Picture = NDArray[np.uint8]  # (height, width, 3), RGB
-TIME_HEADER = "X-Robot-Time"  # of a picture over HTTP: the controller's time stamp [s]
 _RETRY_S = 0.02
 _STAMP_S = 1e-5  # [s] of rounding in that header
 _ENDING_S = 2.0
@@ -60,7 +59,7 @@ def open_camera(settings: c.CameraSettings, patience_s: float) -> CameraDevice:
         case c.CameraSource.HTTP:
             return Http(settings, patience_s)
         case c.CameraSource.OPENCV:
-            return Stream(settings, patience_s, _opencv(settings, patience_s))
+            return Stream(settings, patience_s, partial(_OpenCv, settings, patience_s))
         case c.CameraSource.REALSENSE | c.CameraSource.FILE:
             return Stream(settings, patience_s, _realsense(settings, patience_s))
 
@@ -131,18 +130,17 @@ class Http:
 # --- sources that send by themselves -------------------------------------------------------------
 
 
-class FrameSource(ABC):
+class FrameSource(Protocol):
     """A source of frames, one after another. Used by one thread."""
 
-    @abstractmethod
     def read(self) -> Picture:
         """The next frame; waits for it.
 
         Raises:
             RobotFault: "camera": there is none.
         """
+        ...
 
-    @abstractmethod
     def close(self) -> None: ...
 
 
@@ -208,11 +206,7 @@ class Stream:
             self._fresh.notify_all()
 
 
-def _opencv(settings: c.CameraSettings, patience_s: float) -> Callable[[], FrameSource]:
-    return lambda: _OpenCv(settings, patience_s)
-
-
-class _OpenCv(FrameSource):
+class _OpenCv:
     """A device by number, or whatever else `cv2.VideoCapture` opens."""
 
     def __init__(self, settings: c.CameraSettings, patience_s: float) -> None:
@@ -270,7 +264,7 @@ def _realsense(settings: c.CameraSettings, patience_s: float) -> Callable[[], Fr
     return lambda: _RealSense(rs, settings, patience_s)
 
 
-class _RealSense(FrameSource):
+class _RealSense:
     """The vendor's pipeline; it plays a recorded file (.db3) just as it plays a camera."""
 
     def __init__(self, rs: Any, settings: c.CameraSettings, patience_s: float) -> None:

@@ -6,24 +6,23 @@ experiment does both through the admin port; the method's side is the same.
 
 import contextlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol, Self
 
-from pliant.cell import Truth
+from pliant.cell import HOME_ABOVE_BOARD, Truth
 from pliant.conditions import Setup
 from pliant.errors import InputError, RobotFault
 from pliant.network import open_directly
 from pliant.pose import Pose
 from pliant.task import Task, load_task, shipped_pegs
 from pliant.ur5e import configuration as c
-from pliant.ur5e import messages as m
+from pliant.ur5e.admin_port import AdminPort
 from pliant.ur5e.camera import CameraDevice, open_camera
 from pliant.ur5e.driver import Driver
-from pliant.ur5e.pace import AdminPort
+from pliant.ur5e.driver_process import ArmDriver
 from pliant.ur5e.robot import UrRobot
 
-HOME_ABOVE_BOARD = 0.06  # [m] of the peg's tip, before a trial; as in the simulated cell
 _HOME_SPEED = 0.05  # [m/s]
 _FIRST_S = 30.0  # for an emulated camera's first picture
 _SETTLE_S = 1.5  # the tool swings after a motion
@@ -89,39 +88,30 @@ class UrCell:
         if self._admin is None:
             assert self._operator is not None
             self._set_up_by_hand(driver, camera, self._operator, task, setup)
-        driver.ask(m.SetUp(holds=self.configuration.gripper is not None))
-        driver.ask(m.Tare())
+        driver.ask(partial(ArmDriver.set_up, holds=self.configuration.gripper is not None))
+        driver.ask(ArmDriver.tare)
         return UrRobot(self.configuration, driver, camera, task)
 
     def truth(self) -> Truth:
         """The emulator's ground truth, or the operator's label."""
         if self._admin is not None:
             try:
-                fields = self._admin.ask("truth")["truth"]
+                return self._admin.truth()
             except OSError as error:
                 raise InputError(f"the emulator does not answer: {error}") from error
-            return Truth(**{**fields, "tip": tuple(fields["tip"])})
         assert self._operator is not None
         return self._operator.truth()
 
     def close(self) -> None:
         """Halt and disconnect."""
-        if self._driver is not None:
-            self._driver.close()
-        if self._camera is not None:
-            self._camera.close()
-        if self._admin is not None:
-            self._admin.close()
+        for part in (self._driver, self._camera, self._admin):
+            if part is not None:
+                part.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # --- inside ----------------------------------------------------------------------------------
@@ -147,16 +137,16 @@ class UrCell:
     ) -> None:
         """Set up a real cell: the arm goes home, the person sets the scene, the fingers close on
         the peg: nothing moves before the person has agreed."""
-        driver.ask(m.SetUp(holds=False))
+        driver.ask(partial(ArmDriver.set_up, holds=False))
         self._go_home(UrRobot(self.configuration, driver, camera, task), person)
         if self.configuration.gripper is None:
             person.place(task, setup)
             return
         if person.may_move("open the gripper: hold the peg"):
-            driver.ask(m.Fingers(close=False))
+            driver.ask(partial(ArmDriver.fingers, close=False))
         person.place(task, setup)
         if person.may_move("close the gripper on the peg: hands off"):
-            driver.ask(m.Fingers(close=True))
+            driver.ask(partial(ArmDriver.fingers, close=True))
 
     def _go_home(self, robot: UrRobot, person: Operator) -> None:
         """Go home: straight up, then across."""
@@ -184,7 +174,7 @@ class UrCell:
                 f" {task.depth * 1e3:g} mm to go"
             )
         try:
-            admin.ask("setup", peg=peg, seed=setup.seed, **setup.disturbed())
+            admin.set_up(setup, peg)
         except OSError as error:
             raise RobotFault("connection", f"the emulator does not answer: {error}") from error
         if peg != self._peg and self.configuration.camera.source is c.CameraSource.HTTP:

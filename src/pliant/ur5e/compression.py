@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.ur5e.configuration import Configuration
-from pliant.wrist import Reading
+from pliant.wrist import GRAVITY, Reading
 
-_GRAVITY = 9.81  # [m/s2]
 _RECENT_S = 0.1  # what an observation is the mean of
 _LEAST_MARGIN = 0.00015  # [m], for the tool's inertia
 _DEVIATIONS = 4.0  # of the filtered noise
@@ -30,7 +29,7 @@ class Compression:
         self.margin = _LEAST_MARGIN
         self._per_newton = 1e-3 / wrist.stiffness_n_mm  # [m/N]
         self._column, self._sign = "xyz".index(wrist.axis), wrist.sign
-        self._weight = configuration.payload.mass_kg * _GRAVITY
+        self._weight = configuration.payload.mass_kg * GRAVITY
         self.noise_m = 0.0  # standard deviation of a reading
         self._zero = 0.0
         self._time_s = -math.inf
@@ -78,15 +77,15 @@ class Compression:
         delay_s = self.filter_s + latency_s
         return speed_m_s * delay_s + speed_m_s**2 / (2.0 * stop_m_s2)
 
-    @property
-    def reading(self) -> Reading:
-        """The last reading, as the wrist's watch takes it."""
+    def reading(self, along_m: float | None) -> Reading:
+        """The last reading, as the wrist's watch takes it, `along_m` on a straight press's way."""
         return Reading(
             time_s=self._time_s,
             read_m=self.latest,
             filtered_m=self.now,
             margin_m=self.margin,
             noise_m=self.noise_m,
+            along_m=along_m,
         )
 
     @property

@@ -5,6 +5,7 @@ file, with the unit in the field's name; SI units and radians from the propertie
 """
 
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 from importlib import resources
 from pathlib import Path
@@ -18,6 +19,7 @@ from pydantic import Field, TypeAdapter, field_validator, model_validator
 from pliant import cell, files
 from pliant.files import Fields
 from pliant.pose import Axis, Pose, rotation_matrix
+from pliant.ur5e.protocol import ADMIN_PORT, GRIPPER_PORT
 
 Transform = NDArray[np.float64]
 """A rigid transform (4, 4) [m]."""
@@ -40,21 +42,26 @@ class ArmSettings(Fields):
     watchdog_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
 
 
-class TcpSettings(Fields):
-    """The wrist's hinge point on the flange, as on the pendant: the rotation is a vector."""
-
+class _Place(Fields):
     x_mm: Length
     y_mm: Length
     z_mm: Length
+
+    @property
+    def position(self) -> list[float]:  # (3,) [m]
+        return [v * 1e-3 for v in (self.x_mm, self.y_mm, self.z_mm)]
+
+
+class TcpSettings(_Place):
+    """The wrist's hinge point on the flange, as on the pendant: the rotation is a vector."""
+
     rx_deg: Angle
     ry_deg: Angle
     rz_deg: Angle
 
     @property
     def pose(self) -> list[float]:  # (6,) [m, rad] as UR writes poses
-        lengths = (self.x_mm, self.y_mm, self.z_mm)
-        angles = (self.rx_deg, self.ry_deg, self.rz_deg)
-        return [v * 1e-3 for v in lengths] + [math.radians(v) for v in angles]
+        return self.position + [math.radians(v) for v in (self.rx_deg, self.ry_deg, self.rz_deg)]
 
 
 class PayloadSettings(Fields):
@@ -68,12 +75,9 @@ class PayloadSettings(Fields):
         return [v * 1e-3 for v in self.center_mm]
 
 
-class FrameSettings(Fields):
+class FrameSettings(_Place):
     """The task frame in the arm's base frame."""
 
-    x_mm: Length
-    y_mm: Length
-    z_mm: Length
     roll_deg: Angle = 0.0
     pitch_deg: Angle = 0.0
     yaw_deg: Angle = 0.0
@@ -81,11 +85,8 @@ class FrameSettings(Fields):
     @property
     def transform(self) -> Transform:
         """The transform from task to base coordinates."""
-        result = np.eye(4)
         angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
-        result[:3, :3] = rotation_matrix(*map(math.radians, angles))
-        result[:3, 3] = [self.x_mm * 1e-3, self.y_mm * 1e-3, self.z_mm * 1e-3]
-        return result
+        return placed(self.position, rotation_matrix(*map(math.radians, angles)))
 
 
 class WorkspaceSettings(Fields):
@@ -141,7 +142,7 @@ class WristSettings(Fields):
 class GripperSettings(Fields):
     """The Robotiq 2F-85 behind its URCap socket."""
 
-    port: Port = 63352
+    port: Port = GRIPPER_PORT
     force: Byte = 150
     speed: Byte = 100
     closed_at: Byte = 255
@@ -224,7 +225,7 @@ class EmulatorSettings(Fields):
     """The emulator of an emulated cell: experiments set up its trials, and learn the truth, through
     it."""
 
-    admin_port: Port = 30100
+    admin_port: Port = ADMIN_PORT
     ticks_per_look: Annotated[int, Field(ge=1, le=10)] = 5
 
 
@@ -304,15 +305,19 @@ def _from_folder(configuration: Configuration, folder: Path) -> Configuration:
     return configuration.model_copy(update=changes)
 
 
-# --- poses as the controller writes them ---------------------------------------------------------
+# --- transforms, and poses as the controller writes them -----------------------------------------
+
+
+def placed(position: Sequence[float] | NDArray[Any], rotation: NDArray[Any]) -> Transform:
+    """The transform with a position (3,) and a rotation matrix (3, 3)."""
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = rotation, position
+    return result
 
 
 def transform(pose: list[float]) -> Transform:
     """The transform of a pose (6,): position [m] and rotation vector [rad]."""
-    result = np.eye(4)
-    result[:3, :3] = cv2.Rodrigues(np.asarray(pose[3:], dtype=float))[0]
-    result[:3, 3] = pose[:3]
-    return result
+    return placed(pose[:3], cv2.Rodrigues(np.asarray(pose[3:], dtype=float))[0])
 
 
 def ur_pose(matrix: Transform) -> list[float]:

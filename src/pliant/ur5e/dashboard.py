@@ -3,7 +3,7 @@
 import contextlib
 import socket
 
-PORT = 29999
+from pliant.ur5e.protocol import DASHBOARD_PORT, STOPPED
 
 
 def stop(address: str, patience_s: float) -> bool:
@@ -12,11 +12,14 @@ def stop(address: str, patience_s: float) -> bool:
 
     ur_rtde's own calls hang when the connection is lost, `stopL` too; this does not.
     """
-    with contextlib.suppress(OSError), socket.create_connection((address, PORT), patience_s) as s:
+    with (
+        contextlib.suppress(OSError),
+        socket.create_connection((address, DASHBOARD_PORT), patience_s) as s,
+    ):
         s.settimeout(patience_s)
         s.sendall(b"stop\n")
         heard = b""
-        while b"Stopped" not in heard:
+        while STOPPED.encode() not in heard:
             part = s.recv(1024)  # the greeting comes first
             if not part:
                 return False

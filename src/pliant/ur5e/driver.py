@@ -4,15 +4,20 @@ itself when the driver does not answer."""
 import atexit
 import multiprocessing
 import time
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from pliant import signals
 from pliant.errors import InputError, RobotFault
 from pliant.ur5e import dashboard
 from pliant.ur5e import messages as m
 from pliant.ur5e.configuration import Configuration
-from pliant.ur5e.driver_process import serve
+from pliant.ur5e.driver_process import ArmDriver, serve
 
 _ENDING_S = 1.0
+T = TypeVar("T")
+Request = Callable[[ArmDriver], T]
+"""A call of one of the driver's methods; a function or a `partial` of one, which can be sent."""
 
 
 class Driver:
@@ -43,10 +48,10 @@ class Driver:
             RobotFault: they cannot be used.
             InputError: the extra is not installed, or there is no emulated cell.
         """
-        self._ask(m.Connect(), self._connect_s)
+        self._ask(ArmDriver.connect, self._connect_s)
 
-    def ask(self, request: m.Request) -> m.Result:
-        """Have a request done.
+    def ask(self, request: Request[T]) -> T:
+        """Have a request done, and return its result.
 
         Raises:
             RobotFault: the arm or its driver cannot go on; or "interrupted", by Ctrl-C or its like.
@@ -58,7 +63,7 @@ class Driver:
         if self.fault is not None:
             return
         try:
-            self.ask(m.Halt())
+            self.ask(ArmDriver.halt)
         except RobotFault:
             return  # kept, and whoever asks next is told
 
@@ -66,7 +71,7 @@ class Driver:
         """Say goodbye and end the process."""
         if self.is_usable:
             try:
-                self._pipe.send(m.Close())
+                self._pipe.send(m.Word.CLOSE)
             except OSError:
                 self.fault = RobotFault("driver", "the arm's driver has ended")
         self._process.join(_ENDING_S)
@@ -74,7 +79,7 @@ class Driver:
 
     # --- inside ----------------------------------------------------------------------------------
 
-    def _ask(self, request: m.Request, silence_s: float) -> m.Result:
+    def _ask(self, request: Request[T], silence_s: float) -> T:
         if self.fault is not None:
             raise self.fault
         try:
@@ -87,7 +92,7 @@ class Driver:
         except KeyboardInterrupt as error:
             raise self._interrupted() from error
 
-    def _answer(self, silence_s: float) -> m.Result:
+    def _answer(self, silence_s: float) -> Any:
         while True:
             if not self._pipe.poll(silence_s):
                 raise self._lost(f"has given no sign of life for {silence_s:.1f} s")
@@ -122,7 +127,7 @@ class Driver:
 
     def _interrupted(self) -> RobotFault:
         try:
-            self._pipe.send(m.Halt(why=signals.cause()))
+            self._pipe.send(m.Interrupt(why=signals.cause()))
             give_up = time.monotonic() + self._silence_s
             while time.monotonic() < give_up:
                 self._hear_fault(0.01)

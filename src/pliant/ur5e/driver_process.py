@@ -9,23 +9,22 @@ import contextlib
 import math
 import os
 import time
-from dataclasses import replace
 from multiprocessing.connection import Connection
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pliant import signals
+from pliant.cell import Samples, missed
 from pliant.errors import InputError, RobotFault
-from pliant.pose import Axis, Pose, pose_from
+from pliant.pose import Pose, pose_from
 from pliant.ur5e import dashboard
 from pliant.ur5e import messages as m
 from pliant.ur5e.arm import ArmClient
 from pliant.ur5e.compression import Compression
-from pliant.ur5e.configuration import Configuration, Transform
+from pliant.ur5e.configuration import Configuration, Transform, placed
 from pliant.ur5e.gripper import GripperClient
-from pliant.ur5e.pace import LOOK_S
-from pliant.wrist import Watch, is_straight
+from pliant.ur5e.protocol import CYCLE_S
+from pliant.wrist import Watch, Way, is_straight, toward_tip
 
 _ALIVE_S = 0.05
 _IDLE_S = 0.005
@@ -44,8 +43,8 @@ _HEARS = (  # faults after which it does
 def serve(pipe: Connection, configuration: Configuration) -> None:
     """Do requests until the other side says goodbye or is gone."""
     signals.ignore()  # they are for the trial, which has the arm halted here
-    driver = _Driver(pipe, configuration)
-    _say(pipe, m.Alive())  # Python and the libraries have taken their time
+    driver = ArmDriver(pipe, configuration)
+    _say(pipe, m.Word.ALIVE)  # Python and the libraries have taken their time
     try:
         driver.serve()
     except RobotFault as fault:
@@ -63,7 +62,9 @@ def _say(pipe: Connection, message: object) -> None:
         pipe.send(message)
 
 
-class _Driver:
+class ArmDriver:
+    """The arm's driver. Its requests may raise RobotFault, which ends it."""
+
     def __init__(self, pipe: Connection, configuration: Configuration) -> None:
         self._pipe, self._configuration = pipe, configuration
         self._base_of_task = configuration.task_frame.transform
@@ -76,8 +77,6 @@ class _Driver:
         self._gripper: GripperClient | None = None
         self._said_s = 0.0
         self._is_guided = False
-        # Of a straight press under way: where it began and the wrist's axis, toward the tip.
-        self._way: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def serve(self) -> None:
         while True:
@@ -85,12 +84,14 @@ class _Driver:
                 self._watch()
             request = self._pipe.recv()
             self._said_s = time.monotonic()
-            if isinstance(request, m.Close):
+            if request is m.Word.CLOSE:
                 if self._arm is not None:
                     self._come_to_rest()
                     self._arm.disconnect()
                 return
-            self._pipe.send(m.Done(result=self._do(request)))
+            if isinstance(request, m.Interrupt):
+                raise RobotFault("interrupted", request.why)
+            self._pipe.send(m.Done(result=request(self)))
 
     def give_up(self, fault: RobotFault) -> None:
         """Halt the arm, whatever it takes, and let its program end: nothing moves it any more."""
@@ -101,49 +102,27 @@ class _Driver:
 
     # --- requests --------------------------------------------------------------------------------
 
-    def _do(self, request: m.Request) -> m.Result:
-        match request:
-            case m.Connect():
-                self._connect()
-            case m.SetUp(holds=holds):
-                self._set_up(holds)
-            case m.Tare():
-                self._tare()
-            case m.Move():
-                return self._move(request)
-            case m.Permits(pose=pose):
-                return self._here.permits(self._base_of_task @ _transform(pose))
-            case m.Weigh(lighter_kg=lighter_kg):
-                return self._weigh(lighter_kg)
-            case m.Wait(seconds=seconds):
-                self._wait(seconds)
-            case m.Measure():
-                return self._measured()
-            case m.Fingers(close=close):
-                self._fingers(close)
-            case m.Freedrive(on=on):
-                self._freedrive(on)
-            case m.Halt(why=why):
-                self._halt(why)
-        return None
-
-    def _connect(self) -> None:
+    def connect(self) -> None:
+        """Reach the controller and the gripper."""
         configuration = self._configuration
         self._arm = ArmClient(configuration)
         if configuration.gripper is not None:
             patience_s = configuration.patience.gripper_ms * 1e-3
             self._gripper = GripperClient(
-                configuration.gripper, configuration.arm.address, patience_s, self._wait
+                configuration.gripper, configuration.arm.address, patience_s, self.wait
             )
 
-    def _set_up(self, holds: bool) -> None:
+    def set_up(self, holds: bool) -> None:
+        """Set up tool, payload, watchdog; `holds`: the peg must be in the gripper, and stay
+        there."""
         self._is_tared = False
         self._here.set_up()
         if self._gripper is not None:
             self._gripper.watch(holds)
 
-    def _tare(self) -> None:
-        self._freedrive(False)
+    def tare(self) -> None:
+        """Count compression from here, at rest in free hang."""
+        self.freedrive(False)
         self._come_to_rest()
         if self._is_tared:
             self._hangs_m += self._compression.mean
@@ -161,17 +140,23 @@ class _Driver:
         self._compression.tare(np.array(readings), _TARE_S / len(readings))
         self._is_tared = True
 
-    def _weigh(self, lighter_kg: float) -> float:
-        self._freedrive(False)
+    def permits(self, pose: Pose) -> bool:
+        """Whether the controller's own safety limits let the arm be there."""
+        return self._here.permits(self._base_of(pose))
+
+    def weigh(self, lighter_kg: float) -> float:
+        """Measure by how much compression changes [m] while the controller believes in a lighter
+        payload [kg]: the weight that it no longer makes up for stretches the wrist."""
+        self.freedrive(False)
         self._come_to_rest()
         before = self._mean()
         self._here.set_payload(lighter_kg)
         try:
-            self._wait(_WEIGH_S)
+            self.wait(_WEIGH_S)
             return self._mean() - before
         finally:
             self._here.set_payload()
-            self._wait(_WEIGH_S)
+            self.wait(_WEIGH_S)
 
     def _mean(self) -> float:
         readings = []
@@ -181,12 +166,14 @@ class _Driver:
             readings.append(self._compression.latest)
         return float(np.mean(readings))
 
-    def _wait(self, seconds: float) -> None:
+    def wait(self, seconds: float) -> None:
+        """Wait on the controller's clock."""
         until = self._here.time_s() + seconds
-        while self._here.time_s() < until - LOOK_S / 2:
+        while self._here.time_s() < until - CYCLE_S / 2:
             self._look()
 
-    def _fingers(self, close: bool) -> None:
+    def fingers(self, close: bool) -> None:
+        """Close on a peg, or open."""
         if self._gripper is None:
             return
         if close:
@@ -194,49 +181,50 @@ class _Driver:
         else:
             self._gripper.release()
 
-    def _freedrive(self, on: bool) -> None:
+    def freedrive(self, on: bool) -> None:
+        """Give way to a hand, or hold the arm where it is."""
         if on is not self._is_guided:
             self._here.freedrive(on)
             self._is_guided = on
             if not on:
                 self._come_to_rest()
 
-    def _halt(self, why: str) -> None:
-        if why:
-            raise RobotFault("interrupted", why)
-        self._freedrive(False)
+    def halt(self) -> None:
+        """Brake."""
+        self.freedrive(False)
         self._come_to_rest()
 
     # --- motion ----------------------------------------------------------------------------------
 
-    def _move(self, request: m.Move) -> m.Moved:
+    def move(self, pose: Pose, speed_m_s: float, stop_at_compression_m: float) -> m.Moved:
+        """Move straight to a pose, at most until the wrist is pressed to the limit."""
         arm, settings, compression = self._here, self._configuration.arm, self._compression
-        speed, stop_m_s2 = request.speed_m_s, settings.stop_mm_s2 * 1e-3
-        self._freedrive(False)
-        target = self._base_of_task @ _transform(request.pose)
-        earlier = compression.allowance(speed, stop_m_s2, _LATENCY_S)
-        started = self._measured()
-        samples = _Samples()
-        samples.take(started, compression.now)
-        toward = _toward_tip(started.pose, request.pose)
-        if is_straight(started.pose, request.pose):
-            self._way = arm.pose()[:3, 3], -target[:3, 2]
-        is_reached = self._wrist.begin(compression.now, toward, request.stop_at_compression_m)
+        stop_m_s2 = settings.stop_mm_s2 * 1e-3
+        self.freedrive(False)
+        target = self._base_of(pose)
+        earlier = compression.allowance(speed_m_s, stop_m_s2, _LATENCY_S)
+        started = self.measure()
+        samples = _PeakSamples()
+        samples.read(started, compression.now)
+        toward = toward_tip(started.pose, pose)
+        way = None
+        if is_straight(started.pose, pose):
+            way = Way(arm.pose()[:3, 3], -target[:3, 2])
+        is_reached = self._wrist.begin(compression.now, toward, stop_at_compression_m, way)
         if is_reached:
-            arm.begin(target, speed, min(speed / settings.ramp_s, stop_m_s2))
+            arm.begin(target, speed_m_s, min(speed_m_s / settings.ramp_s, stop_m_s2))
         else:
             self._look()
         while arm.is_moving():
             self._look()
-            samples.take_if_due(self._now(), compression.now)
+            samples.read_if_due(self._now(), compression.now)
             if is_reached and self._wrist.ends(compression.now, compression.margin, earlier):
                 is_reached = False
                 arm.stop()
         self._wrist.rest()
-        self._way = None
         self._come_to_rest(samples)
-        ended = self._measured()
-        samples.take(ended, compression.now)
+        ended = self.measure()
+        samples.read(ended, compression.now)
         if is_reached:
             self._verify(target)
         return m.Moved(
@@ -244,13 +232,11 @@ class _Driver:
             peak_compression_m=samples.peak_m,
             started_s=started.time_s,
             ended=ended,
-            times_s=np.array(samples.times_s),
-            poses=np.array(samples.poses),
-            compressions_m=np.array(samples.compressions_m),
+            trace=samples.trace(),
             answer=self._wrist.answer(),
         )
 
-    def _come_to_rest(self, samples: "_Samples | None" = None) -> None:
+    def _come_to_rest(self, samples: "_PeakSamples | None" = None) -> None:
         """Brake what moves and wait until the arm is still."""
         arm = self._here
         if arm.is_moving():
@@ -259,7 +245,7 @@ class _Driver:
         while arm.is_moving() or not arm.is_still():
             self._look()
             if samples is not None:
-                samples.take_if_due(self._now(), self._compression.now)
+                samples.read_if_due(self._now(), self._compression.now)
             if arm.time_s() > give_up:
                 raise RobotFault("not_reached", "the arm does not come to rest")
 
@@ -271,10 +257,7 @@ class _Driver:
         cosine = (float(np.trace(there[:3, :3].T @ target[:3, :3])) - 1.0) / 2.0
         turn = math.acos(max(-1.0, min(1.0, cosine)))
         if off > _NEAR_M or turn > _NEAR_RAD:
-            raise RobotFault(
-                "not_reached",
-                f"a motion ended {off * 1e3:.1f} mm and {math.degrees(turn):.1f} deg from its goal",
-            )
+            raise RobotFault("not_reached", missed(off, turn))
 
     # --- looking ---------------------------------------------------------------------------------
 
@@ -285,10 +268,11 @@ class _Driver:
         now = time.monotonic()
         if now - self._said_s > _ALIVE_S:
             self._said_s = now
-            self._pipe.send(m.Alive())
+            self._pipe.send(m.Word.ALIVE)
         if self._pipe.poll():
-            request = self._pipe.recv()
-            raise RobotFault("interrupted", getattr(request, "why", "") or "halted")
+            said = self._pipe.recv()
+            why = said.why if isinstance(said, m.Interrupt) else ""
+            raise RobotFault("interrupted", why or "halted")
 
     def _watch(self) -> None:
         """Look between requests: the same, at no particular time."""
@@ -299,19 +283,12 @@ class _Driver:
 
     def _read(self) -> None:
         arm = self._here
-        self._compression.read(arm.time_s(), arm.force(), arm.pose()[:3, :3])
+        pose = arm.pose()
+        self._compression.read(arm.time_s(), arm.force(), pose[:3, :3])
         if self._is_tared:
-            self._wrist.read(replace(self._compression.reading, along_m=self._along()))
+            self._wrist.read(self._compression.reading(self._wrist.along(pose[:3, 3])))
         if self._gripper is not None:
             self._gripper.poll()
-
-    def _along(self) -> float | None:
-        """The distance [m] that a straight press has come along the wrist's axis; None: none is
-        under way."""
-        if self._way is None:
-            return None
-        start, axis = self._way
-        return float((self._here.pose()[:3, 3] - start) @ axis)
 
     def _now(self) -> m.ArmReading:
         pose = self._task_of_base @ self._here.pose()
@@ -322,7 +299,12 @@ class _Driver:
             compression_sd_m=self._compression.mean_sd,
         )
 
-    def _measured(self) -> m.ArmReading:
+    def _base_of(self, pose: Pose) -> Transform:
+        """A pose of the task frame, in base coordinates."""
+        return self._base_of_task @ placed(pose.position(), pose.rotation())
+
+    def measure(self) -> m.ArmReading:
+        """Measure where the arm is now."""
         self._here.check()
         self._read()
         return self._now()
@@ -334,33 +316,16 @@ class _Driver:
         return self._arm
 
 
-class _Samples:
-    """A trace while it is being taken, and the highest compression of all looks."""
+class _PeakSamples(Samples):
+    """Samples of a motion, and the highest compression of all looks."""
 
-    def __init__(self) -> None:
-        self.times_s: list[float] = []
-        self.poses: list[list[float]] = []
-        self.compressions_m: list[float] = []
-        self.peak_m = -math.inf
+    peak_m = -math.inf
 
-    def take(self, at: m.ArmReading, compression_m: float) -> None:
+    def read(self, at: m.ArmReading, compression_m: float) -> None:
         self.peak_m = max(self.peak_m, compression_m)
-        self.times_s.append(at.time_s)
-        self.poses.append([at.pose[axis] for axis in Axis])
-        self.compressions_m.append(compression_m)
+        self.take(at.time_s, at.pose, compression_m)
 
-    def take_if_due(self, at: m.ArmReading, compression_m: float) -> None:
+    def read_if_due(self, at: m.ArmReading, compression_m: float) -> None:
         self.peak_m = max(self.peak_m, compression_m)
-        if at.time_s >= self.times_s[-1] + _SAMPLE_S - LOOK_S / 2:
-            self.take(at, compression_m)
-
-
-def _toward_tip(start: Pose, end: Pose) -> float:
-    """The distance [m] that the way to a pose goes along the wrist's axis there, toward the tip."""
-    return float((start.position() - end.position()) @ end.rotation()[:, 2])
-
-
-def _transform(pose: Pose) -> Transform:
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = pose.rotation(), pose.position()
-    return result
+        if at.time_s >= self.times_s[-1] + _SAMPLE_S - CYCLE_S / 2:
+            self.read(at, compression_m)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -9,7 +10,8 @@ from pliant.errors import InputError
 from pliant.network import open_directly
 from pliant.pose import angles_from
 from pliant.ur5e import configuration as c
-from pliant.ur5e.pace import AdminPort
+from pliant.ur5e.admin_port import AdminPort
+from pliant.ur5e.protocol import ADMIN_PORT, Pacing
 
 _PATIENCE_S = 20.0
 _REAL_TIME = {"stamp_ms": 900, "driver_ms": 1400, "gripper_ms": 900, "connect_ms": 30_000}
@@ -23,7 +25,7 @@ _LOCKSTEP = {  # on a machine under load nothing is late
 }
 
 
-def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.Configuration:
+def configuration_of(address: str = "127.0.0.1", admin_port: int = ADMIN_PORT) -> c.Configuration:
     """The configuration of an emulated cell: frames, tool, payload, stiffness and camera as the
     emulator has them; the patience is for a machine that also has to compute the physics, in
     lockstep for any machine.
@@ -44,18 +46,12 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
     x, y, z, *turn = cell["hinge_on_flange"]
     base = cell["base_in_task_m"]
     payload = cell["payload"]
-    is_lockstep = cell["mode"] == "lockstep"
+    is_lockstep = cell["mode"] == Pacing.LOCKSTEP
     return c.Configuration.model_validate(
         {
             "arm": {"address": address, "watchdog_hz": 10 if is_lockstep else 2},
             "tcp": _millimetres(x, y, z)
-            | dict(
-                zip(
-                    ("rx_deg", "ry_deg", "rz_deg"),
-                    (_round(math.degrees(v)) for v in turn),
-                    strict=True,
-                )
-            ),
+            | dict(zip(("rx_deg", "ry_deg", "rz_deg"), _degrees(turn), strict=True)),
             "payload": {
                 "mass_kg": payload["mass_kg"],
                 "center_mm": [_round(v * 1e3) for v in payload["centre_on_flange_m"]],
@@ -77,9 +73,7 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
                 "height": side["height"],
                 "focal_px": _round(side["focal_px"]),
                 "position_mm": [_round(v * 1e3) for v in side["position"]],
-                "rotation_deg": [
-                    _round(math.degrees(v)) for v in angles_from(np.array(side["rotation"]))
-                ],
+                "rotation_deg": _degrees(angles_from(np.array(side["rotation"]))),
             },
             "patience": _LOCKSTEP if is_lockstep else _REAL_TIME,
             "emulator": {"admin_port": admin_port},
@@ -89,6 +83,10 @@ def configuration_of(address: str = "127.0.0.1", admin_port: int = 30100) -> c.C
 
 def _millimetres(x: float, y: float, z: float) -> dict[str, float]:
     return {"x_mm": _round(x * 1e3), "y_mm": _round(y * 1e3), "z_mm": _round(z * 1e3)}
+
+
+def _degrees(angles: Iterable[float]) -> list[float]:
+    return [_round(math.degrees(v)) for v in angles]
 
 
 def _round(value: float) -> float:

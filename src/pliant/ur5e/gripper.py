@@ -6,24 +6,15 @@ Our own: the published clients wait without a time-out, or speak another link.
 import socket
 import time
 from collections.abc import Callable
-from enum import IntEnum
 
 from pliant.errors import RobotFault
 from pliant.ur5e import configuration as c
+from pliant.ur5e.protocol import Object
 
 _ACTIVE = 3
 _POLL_S = 0.05  # while the arm works
 _MOVE_S = 5.0  # for the fingers' whole way
 _ACTIVATION_S = 10.0
-
-
-class Object(IntEnum):
-    """The gripper's object detection: what the fingers feel."""
-
-    MOVING = 0
-    OPENING = 1
-    CLOSING = 2  # stopped by something while closing: the peg
-    NONE = 3  # arrived where they were sent
 
 
 class GripperClient:

@@ -1,19 +1,20 @@
 """The method's side of the real cell (protocol `pliant.cell.Robot`): a driver and a camera."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
-from types import TracebackType
 from typing import Self, TypeVar
 
 from pliant import signals
-from pliant.cell import Motion, Observation, Stop, Trace, View
+from pliant.cell import Motion, Observation, Stop, View, outside
 from pliant.errors import RobotFault
 from pliant.pose import Axis, Pose
 from pliant.task import Task
-from pliant.ur5e import messages as m
 from pliant.ur5e.camera import CameraDevice
 from pliant.ur5e.configuration import Configuration
-from pliant.ur5e.driver import Driver
+from pliant.ur5e.driver import Driver, Request
+from pliant.ur5e.driver_process import ArmDriver
+from pliant.ur5e.messages import ArmReading
 
 T = TypeVar("T")
 
@@ -33,12 +34,7 @@ class UrRobot:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Halt. Ctrl-C while nothing was asked of the robot is the trial's end as well."""
         self.halt()
         if kind is KeyboardInterrupt:
@@ -53,15 +49,14 @@ class UrRobot:
         """
         started = self._measure()
         self._check_workspace(pose)
-        moved = self._ask_for(
-            m.Moved,
-            m.Move(
+        most_m = self.configuration.limits.compression_mm * 1e-3
+        moved = self._ask(
+            partial(
+                ArmDriver.move,
                 pose=pose,
                 speed_m_s=min(speed_m_s, self._fastest(started.pose, pose)),
-                stop_at_compression_m=min(
-                    stop_at_compression_m, self.configuration.limits.compression_mm * 1e-3
-                ),
-            ),
+                stop_at_compression_m=min(stop_at_compression_m, most_m),
+            )
         )
         return Motion(
             requested=pose,
@@ -71,19 +66,15 @@ class UrRobot:
             peak_compression_m=moved.peak_compression_m,
             started_s=moved.started_s - self._origin_s,
             ended_s=moved.ended.time_s - self._origin_s,
-            trace=Trace(
-                time_s=moved.times_s - self._origin_s,
-                pose=moved.poses,
-                compression_m=moved.compressions_m,
-            ),
+            trace=replace(moved.trace, time_s=moved.trace.time_s - self._origin_s),
             answer=moved.answer,
         )
 
     def settle(self, seconds: float) -> None:
-        self._ask(m.Wait(seconds=seconds))
+        self._ask(partial(ArmDriver.wait, seconds=seconds))
 
     def tare(self) -> None:
-        self._ask(m.Tare())
+        self._ask(ArmDriver.tare)
 
     def clock(self) -> float:
         return self._measure().time_s - self._origin_s
@@ -106,33 +97,26 @@ class UrRobot:
     def freedrive(self, on: bool) -> None:
         """Give way to a hand that leads the arm, or hold it where it is. The next motion, taring
         and a halt end it too."""
-        self._ask(m.Freedrive(on=on))
+        self._ask(partial(ArmDriver.freedrive, on=on))
 
     def weigh(self, lighter_kg: float) -> float:
         """Measure by how much compression changes [m] while the controller believes that the tool
         is so much lighter. Nothing moves; the wrist must hang freely."""
-        return self._ask_for(float, m.Weigh(lighter_kg=lighter_kg))
+        return self._ask(partial(ArmDriver.weigh, lighter_kg=lighter_kg))
 
     def permits(self, pose: Pose) -> bool:
         """Whether the controller's own safety limits let the hinge point be there."""
-        return self._ask_for(bool, m.Permits(pose=pose))
+        return self._ask(partial(ArmDriver.permits, pose=pose))
 
     # --- inside ----------------------------------------------------------------------------------
 
     def _check_workspace(self, pose: Pose) -> None:
         workspace = self.configuration.workspace
-        for axis in Axis:
-            low, high = workspace.low[axis], workspace.high[axis]
-            if not low <= pose[axis] <= high:
-                low, high = axis.to_report(low), axis.to_report(high)
-                self.halt()
-                raise self._kept(
-                    RobotFault(
-                        "safety_limits",
-                        f"{axis} {axis.to_report(pose[axis]):.1f} {axis.report_unit} is outside the"
-                        f" cell's workspace, {low:.1f} to {high:.1f} {axis.report_unit}",
-                    )
-                )
+        goal = {axis: pose[axis] for axis in Axis}
+        problem = outside(workspace.low, workspace.high, goal, "the cell's workspace")
+        if problem is not None:
+            self.halt()
+            raise self._kept(RobotFault("safety_limits", problem))
 
     def _fastest(self, start: Pose, end: Pose) -> float:
         """The highest speed [m/s], by whether the peg may touch the board on the way."""
@@ -141,20 +125,15 @@ class UrRobot:
         is_free = min(start.z, end.z) >= free_z
         return (limits.speed_mm_s if is_free else limits.contact_speed_mm_s) * 1e-3
 
-    def _view(self, name: str, at: m.ArmReading) -> View:
+    def _view(self, name: str, at: ArmReading) -> View:
         if name != "side":
             raise RobotFault("camera", f"the cell has no camera '{name}': it has 'side'")
         return self._camera.view(at.time_s, self._origin_s)
 
-    def _measure(self) -> m.ArmReading:
-        return self._ask_for(m.ArmReading, m.Measure())
+    def _measure(self) -> ArmReading:
+        return self._ask(ArmDriver.measure)
 
-    def _ask_for(self, kind: type[T], request: m.Request) -> T:
-        result = self._ask(request)
-        assert isinstance(result, kind)
-        return result
-
-    def _ask(self, request: m.Request) -> m.Result:
+    def _ask(self, request: Request[T]) -> T:
         return self._guarded(lambda: self._driver.ask(request))
 
     def _guarded(self, call: Callable[[], T]) -> T:
