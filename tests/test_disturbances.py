@@ -257,8 +257,7 @@ def test_a_strike_on_a_peg_in_its_hole_is_borne(name: str) -> None:
 def test_a_struck_trial_is_drawn_again_as_it_was(name: str) -> None:
     _, _, _, cell = _inserted(name)
     trajectory = cell.trajectory()
-    robot = cell._robot
-    assert robot is not None
+    robot = cell.robot
     seen = side(robot)
     drawing = replay.Replay(robot.task, trajectory)
     again = drawing.image("side", len(drawing) - 1).astype(float)

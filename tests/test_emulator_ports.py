@@ -24,14 +24,15 @@ PAGE = b"POST / HTTP/1.1\r\nHost: evil.example\r\nContent-Length: 99\r\n\r\n"
 PORT = 30100
 
 
-class Wire:
+class Wire(asyncio.Transport):
     """The server's end of a connection."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.sent, self.is_open = b"", True
 
-    def write(self, data: bytes) -> None:
-        self.sent += data
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        self.sent += bytes(data)
 
     def close(self) -> None:
         self.is_open = False
@@ -41,7 +42,8 @@ class Wire:
 
 def received(protocol: asyncio.Protocol, *pieces: bytes) -> Wire:
     wire = Wire()
-    protocol._transport = wire  # type: ignore[attr-defined]
+    protocol.connection_made(wire)
+    wire.sent = b""  # without a greeting
     for piece in pieces:
         if wire.is_open:
             protocol.data_received(piece)

@@ -1,5 +1,6 @@
 """The emulated controller's wire: RTDE's framing and recipes, and the line-based ports."""
 
+import asyncio
 import struct
 from itertools import pairwise
 
@@ -21,15 +22,16 @@ from pliant.errors import InputError
 from pliant.task import load_task
 
 
-class Wire:
+class Wire(asyncio.Transport):
     """A transport that keeps what is sent."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.sent = bytearray()
         self.is_open = True
 
-    def write(self, data: bytes) -> None:
-        self.sent += data
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        self.sent += bytes(data)
 
     def get_write_buffer_size(self) -> int:
         return 0
@@ -51,10 +53,13 @@ def rtde(controller: Controller) -> Rtde:
     return Rtde(controller=controller, wake=lambda: None)
 
 
+async def meets(connection: Connection, wire: Wire) -> None:
+    connection.connection_made(wire)
+
+
 def connected(rtde: Rtde) -> tuple[Connection, Wire]:
     connection, wire = rtde.connection(), Wire()
-    connection._transport = wire  # type: ignore[assignment]
-    rtde.connections.add(connection)
+    asyncio.run(meets(connection, wire))
     connection.data_received(frame("V", struct.pack(">H", 2)))  # as every client begins
     wire.sent.clear()
     return connection, wire
@@ -91,7 +96,7 @@ def test_who_does_not_begin_with_the_protocol_is_hung_up_on(
     controller: Controller, data: bytes
 ) -> None:
     connection, wire = Rtde(controller=controller, wake=lambda: None).connection(), Wire()
-    connection._transport = wire  # type: ignore[assignment]
+    asyncio.run(meets(connection, wire))
     connection.data_received(data)
     assert not wire.is_open
 

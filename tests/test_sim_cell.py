@@ -246,9 +246,8 @@ def trajectory_of(cell: SimCell, condition: str, seed: int, reasoner: str) -> Tr
         task=load_task("circle"), condition=CONDITIONS[condition], seed=seed, reasoner=reasoner
     )
     perform(spec, cell, shipped())
-    robot = cell._robot
-    assert robot is not None
-    return replace(cell.trajectory(), qpos=np.array([qpos for _, qpos in robot.frames]))
+    frames = cell.robot.frames
+    return replace(cell.trajectory(), qpos=np.array([qpos for _, qpos in frames]))
 
 
 @pytest.mark.parametrize("condition", sorted(CONDITIONS))

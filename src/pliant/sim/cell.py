@@ -52,23 +52,29 @@ class SimCell:
     kind = "sim"
 
     def __init__(self) -> None:
-        self._task: Task | None = None
         self._robot: SimRobot | None = None
 
     def prepare(self, task: Task, setup: Setup) -> "SimRobot":
         """Put the peg in the grasp and the hole where `setup` says, and the arm at home."""
-        if self._robot is None or task != self._task:
+        if self._robot is None or task != self._robot.task:
             if self._robot is not None:
                 self._robot.cameras.close()
                 self._robot = None  # gone before the next is compiled: half the memory
-            self._robot, self._task = SimRobot(task), task
+            self._robot = SimRobot(task)
         self._robot.reset(setup)
+        return self._robot
+
+    @property
+    def robot(self) -> "SimRobot":
+        """The robot of the trial that was prepared last: its model, its state, its cameras."""
+        if self._robot is None:
+            raise RuntimeError("the cell has not been prepared")
         return self._robot
 
     def truth(self) -> Truth:
         """Ground truth now. Nothing that the method holds can reach it. A peg that is missing is
         taken where it would be, and never inserted."""
-        robot, task = self._prepared()
+        robot, task = self.robot, self.robot.task
         data, model = robot.data, robot.model
         mujoco.mj_kinematics(model, data)
         tip = data.site_xpos[robot.tip_site].copy()
@@ -92,7 +98,7 @@ class SimCell:
 
     def trajectory(self) -> Trajectory:
         """The trial so far, for drawing it again."""
-        robot, _ = self._prepared()
+        robot = self.robot
         times, qpos = zip(*robot.frames, strict=True)
         return Trajectory(
             time_s=np.array(times), qpos=np.array(qpos, np.float32), setup=robot.setup
@@ -102,7 +108,7 @@ class SimCell:
         """Open MuJoCo's viewer on the prepared cell and keep it in step, in real time."""
         import mujoco.viewer
 
-        robot, _ = self._prepared()
+        robot = self.robot
         viewer = mujoco.viewer.launch_passive(robot.model, robot.data)
         began = time.monotonic() - robot.clock()
 
@@ -112,11 +118,6 @@ class SimCell:
                 viewer.sync()
 
         robot.watch(step)
-
-    def _prepared(self) -> "tuple[SimRobot, Task]":
-        if self._robot is None or self._task is None:
-            raise RuntimeError("the cell has not been prepared")
-        return self._robot, self._task
 
     @staticmethod
     def _low_corner(task: Task, rotation: NDArray[np.float64]) -> NDArray[np.float64]:
