@@ -125,7 +125,8 @@ def _leave_one_out(
     """Each picture's rms [px] in a fit without it; the deviation of the hole's y and z [m], by the
     jackknife and by what it does not see: one lean of the tool and one edge of the block served all
     pictures."""
-    u, v = fit.read(found)[0].project(np.zeros(3))
+    camera = fit.read(found)[0]
+    u, v = camera.project(np.zeros(3))
     rms, holes = [], []
     for i, shot in enumerate(shots):
         without = fit.solve([*shots[:i], *shots[i + 1 :]], found, _ROBUST_PX[-1:])
@@ -133,7 +134,7 @@ def _leave_one_out(
         holes.append(fit.read(without)[0].on_plane_x(u, v, 0.0))
     n = len(shots)
     y, z = (float(sd) * math.sqrt(n - 1) for sd in np.std(np.array(holes), axis=0))
-    edge = fit.edge_sd_m(found)
+    edge = _EDGE_SD_PX * camera.metres_per_pixel(0.0)
     return tuple(rms), (math.hypot(y, _LEAN_SD * fit.task.tip_below_hinge), math.hypot(z, edge))
 
 
@@ -147,7 +148,8 @@ class _Fit:
 
     def __init__(self, task: Task, size: tuple[int, int], start: Camera, block: Points) -> None:
         self.task, self._size, self._start = task, size, start
-        self._block = _thinned(_without_foot(block))
+        v = block[:, 1]
+        self._block = _thinned(block[v < np.max(v) - _FOOT * np.ptp(v)])  # without its foot
 
     def solve(
         self, shots: Sequence[CalibrationShot], at: Vector, robust: tuple[float, ...]
@@ -194,9 +196,6 @@ class _Fit:
         kept = np.sort(np.abs(off))[: math.ceil(_SEEN * len(off))]
         return math.sqrt(float(np.mean(kept**2)))
 
-    def edge_sd_m(self, x: Vector) -> float:
-        return _EDGE_SD_PX * self.read(x)[0].metres_per_pixel(0.0)
-
 
 def _unknowns(at: Vector) -> list[Unknown]:
     """The fit's unknowns, starting `at`. Priors are wide: they hold what the pictures leave open,
@@ -213,11 +212,6 @@ def _unknowns(at: Vector) -> list[Unknown]:
         Unknown(start=block_y, prior=0.0, prior_sd=0.02),
         Unknown(start=inset or 0.5, prior=0.5, prior_sd=0.5, step=1e-3),
     ]
-
-
-def _without_foot(block: Points) -> Points:
-    v = block[:, 1]
-    return block[v < np.max(v) - _FOOT * np.ptp(v)]
 
 
 def _thinned(points: Points) -> Points:

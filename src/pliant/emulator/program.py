@@ -5,6 +5,7 @@ program performs it, writes 2 ("done") to output register 0, and 1 ("ready") whe
 cleared the command. A command that takes time is a generator that yields once per cycle.
 """
 
+import operator
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
@@ -174,10 +175,10 @@ class Program:
     def _move_path(self) -> Iterator[None] | None:
         if not self._path:
             raise _Refused("no path was uploaded")
-        return self._start(self._along(self._path))
+        return self._start(self._along_path())
 
-    def _along(self, path: tuple[Waypoint, ...]) -> Iterator[None]:
-        for number, waypoint in enumerate(path):
+    def _along_path(self) -> Iterator[None]:
+        for number, waypoint in enumerate(self._path):
             if number and self._background is not None:
                 self._report(number)
             yield from self._leg(waypoint)
@@ -201,24 +202,17 @@ class Program:
         self._c.motion.brake(self._double(0) or _CONTACT_STOP, joints=False)
         yield from self._rest()
 
-    def _speed_j(self) -> None:
-        self._drive(lambda q, change: q + change, joints=True)
-
-    def _speed_l(self) -> None:
-        self._drive(tool_advance(self._c.plant, self._c.tool), joints=False)
-
-    def _drive(self, advance: Callable[[Array, Array], Array], *, joints: bool) -> None:
-        motion = self._c.motion
+    def _drive(self, *, joints: bool) -> None:
+        c, motion = self._c, self._c.motion
         if not isinstance(motion, Drive) or motion.joints is not joints:
-            motion = Drive(self._c.q, advance, joints=joints)
-            self._c.motion = motion
+            advance = operator.add if joints else tool_advance(c.plant, c.tool)
+            c.motion = motion = Drive(c.q, advance, joints=joints)
         motion.toward(self._six(0), self._double(6))
 
     def _follow(self, q: Array) -> None:
         motion = self._c.motion
         if not isinstance(motion, Follow):
-            motion = Follow(self._c.q, _JOINT_SPEED)
-            self._c.motion = motion
+            self._c.motion = motion = Follow(self._c.q, _JOINT_SPEED)
         motion.toward(q, self._double(9))
 
     def _until_contact(self) -> Iterator[None]:
@@ -249,9 +243,6 @@ class Program:
 
     # --- set-up and questions --------------------------------------------------------------------
 
-    def _zero_sensor(self) -> None:
-        self._c.sensor.zero(self._c.plant.flange[:3, :3])
-
     def _payload(self, *, with_inertia: bool) -> None:
         before = self._c.sensor.payload
         x, y, z = self._registers.in_double[1:4]
@@ -264,15 +255,9 @@ class Program:
 
     # --- questions: the numbers that answer them, or yes or no ------------------------------------
 
-    def _inverse_near(self) -> Array:
-        return self._solved(self._pose(), self._six(6))
-
     def _has_inverse(self) -> bool:
         flange = self._pose() @ frames.inverse(self._c.tool)
         return self._c.plant.solution(flange, self._c.q) is not None
-
-    def _forward_of(self) -> tuple[float, ...]:
-        return frames.pose(self._c.plant.flange_of(self._six(0)) @ self._pose(6))
 
     def _is_steady(self) -> bool:
         moving = float(np.abs(self._c.plant.qd).max()) > _STEADY
@@ -295,9 +280,9 @@ _COMMANDS: Mapping[int, Callable[[Program], Iterator[None] | None]] = {
     2: lambda p: p._joint_move(p._joints_for_pose()),
     3: lambda p: p._line_move(p._pose()),
     4: lambda p: p._line_move(p._tool_at(p._six(0))),
-    8: _P._zero_sensor,
-    9: _P._speed_j,
-    10: _P._speed_l,
+    8: lambda p: p._c.sensor.zero(p._c.plant.flange[:3, :3]),
+    9: lambda p: p._drive(joints=True),
+    10: lambda p: p._drive(joints=False),
     11: lambda p: p._follow(p._six(0)),
     15: _P._halted,
     16: _P._halted,
@@ -320,14 +305,14 @@ _QUESTIONS: Mapping[int, Callable[[Program], Array | tuple[float, ...] | bool]] 
     26: lambda p: (TICK,),
     27: _P._history,
     28: lambda p: frames.pose(p._c.tool_target()),
-    30: _P._inverse_near,
+    30: lambda p: p._solved(p._pose(), p._six(6)),
     36: lambda p: p._c.within_limits(p._pose(), p._c.q),
     37: lambda p: p._c.joints_within_limits(p._six(0)),
     38: lambda p: p._c.plant.joint_torques,
     39: lambda p: frames.pose(p._pose() @ p._pose(6)),
     40: lambda p: frames.pose(p._c.tool),
     43: lambda p: frames.pose(p._c.tool_pose()),
-    44: _P._forward_of,
+    44: lambda p: frames.pose(p._c.plant.flange_of(p._six(0)) @ p._pose(6)),
     46: _P._joints_for_pose,
     47: _P._is_steady,
     54: lambda p: p._c.freedrive,

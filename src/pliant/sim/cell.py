@@ -154,7 +154,7 @@ class SimRobot:
             self._commanded.position(), self._commanded.rotation(), np.array(HOME_GUESS)
         )
         self._q = self._home
-        self._on_step: Callable[[], None] = _nothing
+        self._on_step: Callable[[], None] | None = None  # of a viewer that watches
 
     # --- what a trial randomises ---------------------------------------------------------------
 
@@ -350,7 +350,8 @@ class SimRobot:
         self._controls += 1
         if self._controls % _CONTROLS_PER_FRAME == 0:
             self._keep_frame()
-        self._on_step()
+        if self._on_step is not None:
+            self._on_step()
         reading = Reading(
             time_s=self.clock(),
             read_m=felt + sensor.noise - self._tared,
@@ -381,7 +382,3 @@ def _along(waypoints: NDArray[np.float64], fractions: NDArray[np.float64]) -> ND
     low = np.minimum(at.astype(int), len(waypoints) - 2)
     part = (at - low)[:, None]
     return waypoints[low] * (1 - part) + waypoints[low + 1] * part
-
-
-def _nothing() -> None:
-    """Do nothing: no viewer watches."""

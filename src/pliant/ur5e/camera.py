@@ -130,26 +130,15 @@ class Http:
 # --- sources that send by themselves -------------------------------------------------------------
 
 
-class FrameSource(Protocol):
-    """A source of frames, one after another. Used by one thread."""
-
-    def read(self) -> Picture:
-        """The next frame; waits for it.
-
-        Raises:
-            RobotFault: "camera": there is none.
-        """
-        ...
-
-    def close(self) -> None: ...
-
-
 class Stream:
     """Reads a source all the time, so that nothing old waits in a buffer, and hands out frames that
     arrived later than the moment asked for by the camera's latency."""
 
     def __init__(
-        self, settings: c.CameraSettings, patience_s: float, opener: Callable[[], FrameSource]
+        self,
+        settings: c.CameraSettings,
+        patience_s: float,
+        opener: "Callable[[], _OpenCv | _RealSense]",
     ) -> None:
         self._settings, self._patience_s = settings, patience_s
         self._fresh = threading.Condition()
@@ -183,7 +172,7 @@ class Stream:
                 raise RobotFault("camera", f"the camera sent no new picture in {patience_s:.1f} s")
             return self._latest[1]
 
-    def _run(self, opener: Callable[[], FrameSource]) -> None:
+    def _run(self, opener: "Callable[[], _OpenCv | _RealSense]") -> None:
         try:
             source = opener()
         except (RobotFault, InputError) as error:
@@ -249,7 +238,7 @@ class _OpenCv:
         self._capture.release()
 
 
-def _realsense(settings: c.CameraSettings, patience_s: float) -> Callable[[], FrameSource]:
+def _realsense(settings: c.CameraSettings, patience_s: float) -> "Callable[[], _RealSense]":
     """A function that opens the RealSense. Raises InputError here, in the caller's thread, for what
     the user can mend."""
     try:

@@ -268,7 +268,8 @@ def load(path: Path) -> Configuration:
     Raises:
         InputError: the file cannot be read, or a field is missing, unknown or out of range.
     """
-    document = files.read_yaml(path, KIND, f"start from {_example()}")
+    example = resources.files("pliant") / "ur5e" / "example.yaml"
+    document = files.read_yaml(path, KIND, f"start from {example}")
     return _from_folder(checked(document), path.parent)
 
 
@@ -289,10 +290,6 @@ def save(path: Path, configuration: Configuration) -> None:
     if configuration.gripper is None:
         data["gripper"] = None  # absent means the usual one
     files.write_text(path, files.yaml_text(data))
-
-
-def _example() -> str:
-    return str(resources.files("pliant") / "ur5e" / "example.yaml")
 
 
 def _from_folder(configuration: Configuration, folder: Path) -> Configuration:

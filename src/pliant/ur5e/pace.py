@@ -4,7 +4,6 @@ both."""
 
 import time
 from collections.abc import Callable
-from typing import Protocol
 
 from pliant.ur5e.admin_port import AdminPort
 from pliant.ur5e.configuration import Configuration
@@ -16,18 +15,6 @@ _SPIN_S = 0.0002
 
 class Stalled(Exception):
     """Raised when the controller does not go on."""
-
-
-class Pace(Protocol):
-    """A pace, whose `look` returns when it is time to look again.
-
-    Raises:
-        Stalled: that time does not come.
-    """
-
-    is_lockstep: bool
-
-    def look(self) -> None: ...
 
 
 class RealTime:
@@ -50,6 +37,11 @@ class Lockstep:
         self._admin, self._stamp, self._ticks = admin, stamp, ticks
 
     def look(self) -> None:
+        """Wait until it is time to look again.
+
+        Raises:
+            Stalled: that time does not come.
+        """
         give_up = time.monotonic() + self._admin.patience_s
         try:
             now = self._admin.grant(self._ticks)
@@ -59,6 +51,10 @@ class Lockstep:
             if time.monotonic() > give_up:
                 raise Stalled
             time.sleep(_SPIN_S)
+
+
+Pace = RealTime | Lockstep
+"""A pace, whose `look` returns when it is time to look again."""
 
 
 def pace_of(configuration: Configuration, stamp: Callable[[], float]) -> Pace:
