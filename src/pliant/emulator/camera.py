@@ -57,10 +57,8 @@ class Artist:
         """Draw one frame of `camera`, as jpg or png."""
         cameras = self._for(state.peg)
         apply(self._model, state.setup)
-        self._data.qpos[: len(state.qpos)] = state.qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
-        image = cv2.cvtColor(cameras.image(camera, self._data), cv2.COLOR_RGB2BGR)
+        seen = cameras.image_at(camera, self._data, state.qpos)
+        image = cv2.cvtColor(seen, cv2.COLOR_RGB2BGR)
         options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if kind == "jpg" else []
         _, data = cv2.imencode(f".{kind}", image, options)
         return CameraFrame(time_s=state.time_s, data=data.tobytes())
