@@ -373,7 +373,7 @@ def test_truth_is_no_part_of_a_case() -> None:
 
 
 def test_a_skill_gets_no_more_of_the_robot_than_the_protocol() -> None:
-    public = {n for n in vars(Guarded) if not n.startswith("_")}
+    public = {n for n in dir(Guarded) if not n.startswith("_")}
     assert public == {n for n in vars(Robot) if not n.startswith("_")}
 
 

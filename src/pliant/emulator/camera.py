@@ -57,11 +57,9 @@ class Artist:
         """Draw one frame of `camera`, as jpg or png."""
         cameras = self._for(state.peg)
         apply(self._model, state.setup)
-        self._data.qpos[: len(state.qpos)] = state.qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        seen = cameras.image_at(camera, self._data, state.qpos)
         options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if kind == "jpg" else []
-        data = pictures.encoded(cameras.image(camera, self._data), kind, options)
+        data = pictures.encoded(seen, kind, options)
         return CameraFrame(time_s=state.time_s, data=data)
 
     def calibrations(self, state: BlockState) -> list[Camera]:

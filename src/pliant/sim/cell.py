@@ -19,9 +19,8 @@ from pliant.sim import constants as c
 from pliant.sim import model as m
 from pliant.sim.arm import HOME_GUESS, Arm, Profile
 from pliant.sim.board import contains, hole_outline
-from pliant.sim.feed import Feed
 from pliant.sim.render import Cameras
-from pliant.sim.sensor import Sensor
+from pliant.sim.sensor import Feed, Sensor
 from pliant.sim.setup import apply, is_moving, place
 from pliant.task import Task
 from pliant.wrist import Reading, Watch, Way, is_straight, toward_tip

@@ -58,6 +58,15 @@ class Cameras:
         image = looks.noisy(self._looks, self.image(name, data), random)
         return View(camera=self._calibrations[name], time_s=time_s, image=image)
 
+    def image_at(
+        self, name: str, data: mujoco.MjData, qpos: NDArray[np.floating]
+    ) -> NDArray[np.uint8]:  # (height, width, 3)
+        """The picture that the camera sees, without noise, of the cell with joints at `qpos`."""
+        data.qpos[: len(qpos)] = qpos
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_camlight(self._model, data)
+        return self.image(name, data)
+
     def image(self, name: str, data: mujoco.MjData) -> NDArray[np.uint8]:  # (height, width, 3)
         """The picture that the camera sees, without noise."""
         renderer, groups = self._ready(), self._model.geom_group

@@ -122,10 +122,7 @@ class Replay:
     def image(self, camera: str, index: int) -> NDArray[np.uint8]:  # (height, width, 3) RGB
         """The picture that `camera` sees at the trajectory's sample `index`."""
         place(self._model, self.trajectory.setup, float(self.trajectory.time_s[index]))
-        self._data.qpos[:] = self.trajectory.qpos[index]
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
-        large = self.cameras.image(camera, self._data)
+        large = self.cameras.image_at(camera, self._data, self.trajectory.qpos[index])
         if large.shape[1::-1] == c.IMAGE_SIZE:
             return large
         shrunk = cv2.resize(large, c.IMAGE_SIZE, interpolation=cv2.INTER_AREA)
