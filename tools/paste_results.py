@@ -79,14 +79,31 @@ def _gain() -> str:
 
 
 def _pairs(run: str) -> list[Any]:
-    """The cells of a run in which the rules were tried on the draws of no recovery."""
-    return [p for p in _stored(run)["pairs"] if (p["first"], p["second"]) == ("none", "rules")]
+    """Rules less no recovery, in every cell of a run where both were tried on the same draws."""
+    pairs = []
+    for pair in _stored(run)["pairs"]:
+        match pair["first"], pair["second"]:
+            case "rules", "none":
+                pairs.append(pair)
+            case "none", "rules":
+                pairs.append(_turned(pair))
+    return pairs
+
+
+def _turned(pair: dict[str, Any]) -> dict[str, Any]:
+    """A pair with its second less its first, as earlier versions stored it."""
+    return {
+        **pair,
+        "difference": 0.0 - pair["difference"],
+        "low": -pair["high"],
+        "high": -pair["low"],
+        "only_first": pair["only_second"],
+        "only_second": pair["only_first"],
+    }
 
 
 def _difference(pair: dict[str, Any]) -> str:
-    """Rules less none: a stored pair has it the other way round."""
-    least, most = -pair["high"], -pair["low"]
-    return f"{0.0 - pair['difference']:+.1f} [{least:+.1f}, {most:+.1f}]"
+    return f"{pair['difference']:+.1f} [{pair['low']:+.1f}, {pair['high']:+.1f}]"
 
 
 def recovery() -> str:
@@ -109,8 +126,8 @@ def recovery() -> str:
                     pair["n"],
                     *(f"{rate:.1f}" for rate in rates),
                     _difference(pair),
-                    pair["only_second"],
                     pair["only_first"],
+                    pair["only_second"],
                 ]
             )
     return Table(head, rows).markdown()
