@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -17,3 +19,25 @@ def test_a_checkout_beside_itself_draws_and_measures_the_same_and_says_how_long_
     command = [sys.executable, script, str(tmp_path), "--only", "look colour", "--turns", "1"]
     ran = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
     assert re.search(r"look colour \(n = 1\): [\d.]+ ms, here [\d.]+ ms: [\d.]+ x", ran.stdout)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    ("script", "options", "said"),
+    [
+        ("memory.py", ["--trials", "3"], r"\| 3 \| rectangle \| \d+ \|"),
+        (
+            "workers.py",
+            ["--trials", "1", "--pairs", "1", "--lines", "100"],
+            r"100 lines .* read",
+        ),
+        ("profiled.py", ["--level", "L0", "--trials", "1"], r"within .* calls"),
+    ],
+)
+def test_a_benchmark_runs_and_says_what_it_measured(
+    script: str, options: list[str], said: str
+) -> None:
+    command = [sys.executable, str(ROOT / "benchmarks" / script), *options]
+    ran = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert re.search(said, ran.stdout)
