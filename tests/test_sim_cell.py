@@ -282,6 +282,19 @@ def test_a_cell_holds_the_model_of_its_last_peg_alone() -> None:
     assert [robot() is None for robot in robots] == [True, True, False]
 
 
+def test_a_cell_is_gone_with_its_last_name_also_after_a_trial() -> None:
+    """A model takes 0.1 GB: it cannot wait until Python looks for circles."""
+    gc.disable()
+    try:
+        cell = SimCell()
+        trajectory_of(cell, "none", 1, "none")
+        robot = weakref.ref(cell.robot)
+        del cell
+        assert robot() is None
+    finally:
+        gc.enable()
+
+
 def test_another_seed_gives_another_trajectory() -> None:
     cell = cell_for("circle")
     one, two = (trajectory_of(cell, "all", seed, "none").qpos for seed in (1, 2))

@@ -99,6 +99,7 @@ class Run:
             self.end_reason, self.fault = fault.end_reason, str(fault)
         finally:  # also when whoever takes the turns leaves, as by Ctrl-C
             self.aborted = self._unfinished(guarded)
+            guarded.sees_depth = None  # else run, robot and its model wait for the collector
 
     def _turns(self, robot: Guarded) -> Iterator[Question | Execution]:
         goals = self.teaching.goals
