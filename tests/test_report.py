@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from view_folders import HOSTILE, Page, ran, told
 
+from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.experiment import holdings
 from pliant.experiment.plan import from_fields
+from pliant.pose import Axis
 from pliant.records import Aborted, End, Trial
-from pliant.report import overlay, strip, video, words
+from pliant.report import overlay, strip, timeline, video, words
 from pliant.report.canvas import FAILURE, SUCCESS
 from pliant.report.trial import write
 from pliant.sim.cell import Trajectory
@@ -98,6 +100,13 @@ def test_the_page_draws_what_the_robot_measured_over_the_executions(
     assert fit["owned"] == ["y"]
     assert fit["goal"]["y"] == pytest.approx(trial.executions[2].outcome.target.y * 1e3, abs=0.01)
     assert data["limits"]["compression"] == [20.0]
+
+
+def test_a_trials_page_draws_the_limits_that_the_trial_had(trial: Trial) -> None:
+    own = replace(Limits(), high=Limits().high.updated({Axis.Z: 0.35}), compression_m=0.012)
+    drawn = timeline.data(replace(trial, limits=own), None)["limits"]
+    assert drawn["z"] == [120.0, 350.0]
+    assert drawn[timeline.COMPRESSION] == [12.0]
 
 
 def test_the_timeline_is_as_wide_as_executions_are_long(folder: Path, trial: Trial) -> None:

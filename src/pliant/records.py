@@ -19,6 +19,7 @@ from pliant import pictures
 from pliant.belief import Belief, Seen
 from pliant.cell import Image, Motion, Observation, Stop, Truth
 from pliant.diagnosis import OF_FAULTS, Diagnosis, Hypothesis
+from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.formations import OWNED, Formation, Goals, Step
 from pliant.pose import Axis, Partial, Pose
@@ -423,6 +424,7 @@ class Trial:
     aborted: Aborted | None = None  # the execution during which `fault` happened
     cell: str = "sim"  # the kind of workcell
     method: Annotated[str, Field(validation_alias=AliasChoices("method", "skills"))] = "planar"
+    limits: Limits = field(default_factory=Limits)  # of the envelope
 
     @property
     def judged(self) -> bool:

@@ -224,6 +224,7 @@ def perform(
         truths=tuple(truths),
         aborted=aborted,
         cell=cell.kind,
+        limits=limits,
     )
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from pliant.cell import Motion
 from pliant.checks import POSE_TOLERANCE_M, POSE_TOLERANCE_RAD
-from pliant.envelope import Limits
 from pliant.formations import OWNED
 from pliant.html import Html, join, tag
 from pliant.pose import Axis
@@ -81,7 +80,7 @@ _LEGEND = (
 
 def data(trial: Trial, spans: Sequence[Span] | None) -> dict[str, Any]:
     """The data that the page's script draws: times [s], lengths [mm], angles [deg]."""
-    limits = Limits()
+    limits = trial.limits
     motions = [motion for e in trial.executions for motion in e.motions]
     motions += trial.aborted.motions if trial.aborted is not None else ()
     every = math.ceil(sum(len(m.trace.time_s) for m in motions) / _MOST_SAMPLES) or 1
