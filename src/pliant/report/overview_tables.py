@@ -5,22 +5,23 @@ from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from urllib.parse import urlencode
 
-from pliant.experiment import tables_text as texts
 from pliant.experiment.measures import rate as rated
 from pliant.experiment.success import TRIAL_KINDS
-from pliant.experiment.tables_text import (
+from pliant.experiment.table_cells import (
     WHO,
     Columns,
     Document,
-    by_cell,
+    interval,
     marks,
     number,
-    paired,
+    own_percent,
     peg,
     shown_name,
-    versus,
+    their_extra,
+    their_success,
     who,
 )
+from pliant.experiment.tables_text import by_cell, failures, paired, versus
 from pliant.formations import RECOVERABLE
 from pliant.html import Html, join, tag
 from pliant.report import words
@@ -55,14 +56,14 @@ def table2(cells: Sequence[Document]) -> Html:
         "G [%]": lambda cell: outcome(cell, "inserted"),
     }
     if any(cell.get("own") for cell in cells):
-        columns["own [%]"] = lambda cell: texts.own_percent(cell.get("own"))
+        columns["own [%]"] = lambda cell: own_percent(cell.get("own"))
         columns["G alone [%]"] = lambda cell: rate(cell["own"]["alone"]) if cell["own"] else "–"
     columns |= {
-        "paper's F, G": lambda cell: texts.their_success(cell["paper"]),
+        "paper's F, G": lambda cell: their_success(cell["paper"]),
         "extra fit, align, insertion": lambda cell: ", ".join(
             number(cell["extra"][formation], 2) for formation in RECOVERABLE
         ),
-        "paper's": lambda cell: texts.their_extra(cell["paper"]),
+        "paper's": lambda cell: their_extra(cell["paper"]),
     }
     caption = (
         "F: judged inserted. G: truly inserted. n: trials in which the method was measured; faults"
@@ -126,7 +127,7 @@ def _shares(to: Mapping[str, int], theirs: Mapping[str, float]) -> list[Html]:
     for formation in RECOVERABLE:
         found = rated([True] * to[formation] + [False] * (sum(to.values()) - to[formation]))
         paper = theirs.get(formation)
-        text = texts.interval(found) + ("" if paper is None else f"; paper {paper:g}")
+        text = interval(found) + ("" if paper is None else f"; paper {paper:g}")
         drawn = bars([_bar(found, paper, "success")], text)
         cells.append(join(drawn, tag("div", text, class_="number")))
     return cells
@@ -134,7 +135,7 @@ def _shares(to: Mapping[str, int], theirs: Mapping[str, float]) -> list[Html]:
 
 def kinds(cells: Sequence[Document]) -> Html:
     """A table of how many trials failed in which way, in the cells where any did."""
-    failed, names = texts.failures(cells)
+    failed, names = failures(cells)
     if not failed:
         return tag("p", "No trial failed.")
     rows = [
@@ -177,7 +178,7 @@ def own(cells: Sequence[Document]) -> Html:
         "G [%]": lambda cell: rate(cell["inserted"]),
         "G alone [%]": lambda cell: rate(cell["own"]["alone"]),
         "decisions": lambda cell: cell["own"]["decisions"],
-        "own [%]": lambda cell: texts.own_percent(cell["own"]),
+        "own [%]": lambda cell: own_percent(cell["own"]),
         "clamped": lambda cell: cell["own"]["clamped"],
         "by the rules": lambda cell: cell["own"]["fallbacks"],
         "tokens a trial": lambda cell: f"{cell['own']['tokens']:,.0f}",
@@ -257,7 +258,7 @@ def outcome(cell: Document, name: str) -> str:
 
 def rate(found: Document) -> str:
     """A share with its interval: "45.0 [40.2, 49.9]"."""
-    return texts.interval(found) if found["n"] else "not known"
+    return interval(found) if found["n"] else "not known"
 
 
 def _bar(found: Document, paper: float | None, kind: str) -> Bar:

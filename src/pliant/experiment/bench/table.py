@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pliant.experiment.measures import is_undecided
-from pliant.experiment.tables_text import (
+from pliant.experiment.table_cells import (
     NONE,
     Document,
     interval,
