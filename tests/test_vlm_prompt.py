@@ -289,3 +289,16 @@ def test_contact_that_did_not_get_there_is_a_failure_without_a_model() -> None:
         checked(outcome_of(Formation.CONTACT, ended=short))
     )
     assert (verdict.by, verdict.success) == ("checks", False)
+
+
+def test_pictures_are_shrunk_to_the_width_that_is_asked_for() -> None:
+    asked = replace(PAPER, picture_px=384)
+    (picture,) = pictures(prompt.situation(failed(), asked, asked=""))
+    assert prompt.shown(picture).shape == (288, 384, 3)
+
+
+def test_in_brief_the_static_part_says_the_task_and_nothing_else() -> None:
+    told = prompt.instructions(replace(PAPER, brief=True), failed(), Limits())
+    assert "the circle, 90 mm long and 40 mm wide" in told
+    assert "Method: planar" in told
+    assert len(told) < 400

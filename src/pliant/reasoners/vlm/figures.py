@@ -10,7 +10,7 @@ from pliant.checks import DEPTH_MARGIN_M, ON_HOLE_M, TILT_TOLERANCE_DEG, half_ho
 from pliant.envelope import Limits
 from pliant.formations import MOST_TURN, OWNED, Formation
 from pliant.pose import Axis
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case
 from pliant.task import BLOCK_SIZE
 from pliant.vision.surround import SIDE
@@ -31,6 +31,8 @@ def figures(case: Case, settings: Settings, limits: Limits) -> Mapping[str, str]
     measured_mm = depth_mm + 1e3 * DEPTH_MARGIN_M
     return {
         "peg": f"the {task.peg.name}, {length_mm:.0f} mm long and {peg_mm:.0f} mm wide",
+        "method": case.method.name,
+        "plans": _plans(settings),
         "colours": _colours(case),
         "width_px": f"{camera.width}",
         "height_px": f"{camera.height}",
@@ -63,6 +65,12 @@ def figures(case: Case, settings: Settings, limits: Limits) -> Mapping[str, str]
         "step_limit_mm": f"{settings.step_limit_mm:g}",
         "turn_limit_deg": f"{Axis.PITCH.to_report(MOST_TURN):g}",
     }
+
+
+def _plans(settings: Settings) -> str:
+    if settings.plan is Plans.ABSOLUTE:
+        return "Plans give absolute goals."
+    return f"Plans change goals by at most {settings.step_limit_mm:g} mm."
 
 
 def _colours(case: Case) -> str:

@@ -27,7 +27,7 @@ def first_answer(settings: Settings, asked: Model) -> ModelAnswer[Seen]:
     of reply, settings and deadline."""
     content: list[UserContent] = ["Which colour has this picture?"]
     if settings.picture:
-        content.append(prompt.picture(np.full((*_SIZE, 3), _GREEN, np.uint8)))
+        content.append(prompt.picture(np.full((*_SIZE, 3), _GREEN, np.uint8), settings))
     else:
         content = ["Which colour has the sky by day?"]
     return ask(

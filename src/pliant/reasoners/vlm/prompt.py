@@ -49,7 +49,7 @@ _BELIEVED = {
 
 def instructions(settings: Settings, case: Case, limits: Limits) -> str:
     """The static part: the task with its method's skills, the picture, and what is asked in each
-    stage that the model decides. It is the same for all requests of a trial.
+    stage that the model decides; or the task in brief. It is the same for all requests of a trial.
 
     Raises:
         InputError: the method has no words for a model.
@@ -63,7 +63,8 @@ def instructions(settings: Settings, case: Case, limits: Limits) -> str:
     stages = (f"plan_{settings.plan}" if s == "plan" else s for s in settings.stages)
     values = figures(case, settings, limits)
     common = words_of("pliant.reasoners.vlm")  # which do for any method
-    prompts = (words.get(name) or common[name] for name in ("task", "picture", *stages))
+    names = ("brief",) if settings.brief else ("task", "picture", *stages)
+    prompts = (words.get(name) or common[name] for name in names)
     return "\n\n".join(Template(text).substitute(values).strip() for text in prompts)
 
 
@@ -90,23 +91,26 @@ def situation(
     if shown is not None:
         content += [
             f"Goal picture: how {formation} looked when it succeeded with the {shown.peg} peg.",
-            picture(shown.view.image),
+            picture(shown.view.image, settings),
         ]
     content.append("\n\n".join(filter(None, _sections(case, settings, verdict, analysis))))
     if settings.picture:
         views = case.outcome.looks[-1].observation.views
         content += [
             f"Picture taken after this {formation}:",
-            picture(views["side"].image),
+            picture(views["side"].image, settings),
         ]
         if "front" in views:
-            content += ["The same from the front:", picture(views["front"].image)]
+            content += ["The same from the front:", picture(views["front"].image, settings)]
     for number, probed in enumerate(case.probes, start=1):
         for name, view in probed.looks[-1].observation.views.items():
-            content += [f"Probe {number}, {name} camera:", picture(view.image)]
+            content += [f"Probe {number}, {name} camera:", picture(view.image, settings)]
     above = _from_above(case) if settings.oblique_picture else None
     if above is not None:
-        content += ["The hole from above and aside, before the peg came down:", picture(above)]
+        content += [
+            "The hole from above and aside, before the peg came down:",
+            picture(above, settings),
+        ]
     content.append(f"Asked of you now: {asked} Give your answer in the required structure.")
     return content
 
@@ -330,6 +334,8 @@ def shown(picture: BinaryContent) -> NDArray[np.uint8]:
     return pictures.decoded(picture.data)
 
 
-def picture(image: NDArray[np.uint8]) -> BinaryContent:
-    """A picture (height, width, 3), RGB, as PNG."""
-    return BinaryContent(pictures.encoded(image), media_type="image/png")
+def picture(image: NDArray[np.uint8], settings: Settings) -> BinaryContent:
+    """A picture (height, width, 3), RGB, as PNG, no wider than is sent to the model."""
+    most = settings.picture_px
+    sent = image if most is None or image.shape[1] <= most else pictures.shrunk(image, most)
+    return BinaryContent(pictures.encoded(sent), media_type="image/png")

@@ -78,6 +78,9 @@ class Settings:
     with the peg lifted out, and a touch at a place of its choice."""
     picture: bool = True
     """Show the picture taken after the skill."""
+    picture_px: int | None = None
+    """The width that pictures are shrunk to before they are sent, for fewer tokens; None: as they
+    were taken."""
     oblique_picture: bool = False
     """Show the hole from above, too, as it was before the peg came down."""
     goal_picture: bool = True
@@ -90,6 +93,9 @@ class Settings:
     """Tell what was measured in millimetres, which the paper's model was not told."""
     belief: bool = True
     """Where the skills go by them: tell measurements and belief all the same."""
+    brief: bool = False
+    """Leave the instructions out, but for a few words on the task: for a model that was trained on
+    it."""
     history: int = 5
     """Earlier executions told."""
     one_call: bool = False
@@ -128,6 +134,8 @@ class Settings:
                 raise InputError(f"{name} is {value:g}: it must be above 0")
         if not 1 <= self.step_limit_mm < math.inf:
             raise InputError(f"step_limit_mm is {self.step_limit_mm:g}: it must be 1 or more")
+        if self.picture_px is not None and not 16 <= self.picture_px <= 4096:
+            raise InputError(f"picture_px is {self.picture_px}: it must be from 16 to 4096")
         if self.history < 0:
             raise InputError(f"history is {self.history}: it must be 0 or more executions")
         if self.probes and self.recover is not Decider.VLM:
