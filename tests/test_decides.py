@@ -13,6 +13,7 @@ from pliant.experiment import decides
 from pliant.experiment.cells import Experiment, differences
 from pliant.experiment.plan import from_fields
 from pliant.experiment.work import Job, Save, perform_job
+from pliant.reasoners.vlm.settings import Settings
 
 
 def planned(**changes: object) -> Experiment:
@@ -80,7 +81,22 @@ def test_what_draws_measures_and_computes_is_in_it_by_version(
 
 def test_a_real_cell_has_no_models_in_it_and_a_vlm_has_its_library() -> None:
     assert decides.installation(models=False)["models"] is None
-    assert set(decides.installation(vlm=True)["versions"]) > set(decides.installation()["versions"])
+    models = Settings(model="openai:m"), Settings(model="local")
+    versions = [set(decides.installation(asked=models[:n])["versions"]) for n in range(3)]
+    assert versions[1] - versions[0] == {"pydantic-ai-slim"}
+    assert versions[2] - versions[1] == {"xllamacpp"}
+
+
+def test_the_weights_of_a_model_that_pliant_serves_are_in_it(tmp_path: Path) -> None:
+    def asking() -> Experiment:
+        return planned(reasoners="vlm", vlm={"model": f"local:{tmp_path}"})
+
+    for name in ("model.gguf", "mmproj.gguf"):
+        (tmp_path / name).write_bytes(b"one")
+    before = asking()
+    assert differences(before.document, asking().document) == []
+    (tmp_path / "mmproj.gguf").write_bytes(b"another")
+    assert differences(before.document, asking().document) == ["cells"]
 
 
 def test_a_worker_with_another_installation_refuses(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ import pytest
 from documents import DOCUMENTS, FENCE, ROOT, blocks, name
 
 from pliant.cli import parsed
-from pliant.cli.model import with_preset
 from pliant.errors import InputError
 
 _LINK = re.compile(r"\]\((?![a-z]+:)([^)#\s]*)(?:#([^)\s]+))?\)")
@@ -66,7 +65,7 @@ def parse(line: str) -> None:
     words = shlex.split(line, comments=True)[1:]
     if words != ["--version"]:
         with contextlib.suppress(SystemExit):  # a page of help
-            parsed(with_preset(words))
+            parsed(words)
 
 
 WRONG = "pliant run --peg sqare", "pliant run --vidoe"  # shown for what is answered

@@ -2,20 +2,12 @@
 
 import base64
 import json
-import signal
-import socket
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
-from pathlib import Path
-from urllib.error import URLError
-from urllib.request import urlopen
 
 import cv2
 import numpy as np
 import pytest
-from local_model import COLOURS, NAME, PICTURE_TOKENS, UP_S, serving
+from local_model import COLOURS, NAME, PICTURE_TOKENS
 from openai import BadRequestError, OpenAI
 from openai.types.chat import (
     ChatCompletionContentPartImageParam,
@@ -134,42 +126,3 @@ def test_a_demanded_function_is_not_called(
     )
     assert not reply.choices[0].message.tool_calls
     assert reply.choices[0].message.content
-
-
-def test_a_server_that_cannot_start_says_why(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(RuntimeError, match=rf"(?s)did not start.*{port}"):  # noqa: SIM117
-            with serving(tmp_path, port=port):
-                pass
-
-
-def test_the_server_ends_with_a_killed_test_run(tmp_path: Path) -> None:
-    code = (
-        "import pathlib, sys, time, local_model\n"
-        "with local_model.serving(pathlib.Path(sys.argv[1])) as url:\n"
-        "    print(url, flush=True)\n"
-        "    time.sleep(600)"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(tmp_path)],
-        cwd=Path(__file__).parent,
-        stdout=subprocess.PIPE,
-        encoding="utf-8",
-    ) as run:
-        assert run.stdout is not None
-        url = run.stdout.readline().strip()
-        assert answers(url)
-        run.send_signal(signal.SIGKILL)
-    end = time.monotonic() + UP_S
-    while answers(url):
-        assert time.monotonic() < end, "it still serves"
-        time.sleep(0.05)
-
-
-def answers(url: str) -> bool:
-    try:
-        with urlopen(f"{url}/models") as reply:
-            return reply.status == 200
-    except (URLError, ConnectionError):
-        return False

@@ -72,8 +72,8 @@ def soon_gone(server: Loopback, handler: Handler) -> None:
 
 
 def options(server: Loopback, **rest: Any) -> ModelOptions:
-    settings = Settings(model="small", base_url=server.base_url, picture=False, judge=Decider.VLM)
-    return ModelOptions(vlm=settings, **rest)
+    given = {"model": "small", "base_url": server.base_url, "picture": False}
+    return ModelOptions(vlm=given, **rest)
 
 
 def ran(behave: Behave, folder: Path, **rest: Any) -> tuple[int, int]:

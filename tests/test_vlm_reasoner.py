@@ -20,7 +20,7 @@ from pydantic_ai.models.function import AgentInfo
 from vlm_cases import asking, failures, shallow, simulated
 from voices import NOTHING_WRONG, Silent, SpeaksForRules, TenTimes, analysis, reply
 
-from pliant.cli.model import ModelOptions, with_preset
+from pliant.cli.model import ModelOptions
 from pliant.envelope import Limits
 from pliant.errors import InputError
 from pliant.formations import RECOVERABLE, Formation, Step
@@ -420,11 +420,11 @@ def test_the_papers_preset_has_no_rules_no_history_and_absolute_goals_behind_it(
         from_fields({"preset": "papr"})
 
 
-def test_a_preset_on_the_command_line_is_its_options_and_those_given_win() -> None:
-    words = with_preset(["run", "--plan", "bounded", "--preset=paper", "--model", "m"])
-    chosen = tyro.cli(ModelOptions, args=words[1:])
-    assert chosen.vlm == from_fields({"preset": "paper", "plan": "bounded", "model": "m"})
-    assert with_preset(["run", "--seed", "3"]) == ["run", "--seed", "3"]
+def test_options_beside_a_preset_win_though_they_are_the_defaults() -> None:
+    chosen = tyro.cli(ModelOptions, args=["--plan", "bounded", "--preset=paper", "--model", "m"])
+    assert chosen.settings == from_fields({"preset": "paper", "plan": "bounded", "model": "m"})
+    assert chosen.settings.plan is Plans.BOUNDED
+    assert tyro.cli(ModelOptions, args=[]).given == {}
 
 
 def test_a_model_alone_judges_and_plans_as_the_paper_has_it() -> None:
@@ -455,7 +455,7 @@ def test_an_address_with_a_secret_is_refused_without_repeating_it(
 @pytest.mark.parametrize(
     ("model", "says"),
     [
-        (None, "give --model"),
+        (None, "give --model, such as local"),
         ("openai:gpt-4o", "set the environment variable OPENAI_API_KEY"),
         ("gpt-4o", "give provider:name"),
         ("nobody:nothing", "give provider:name"),

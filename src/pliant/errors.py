@@ -79,6 +79,8 @@ def installing(extra: str) -> str:
     in a checkout has no pip of its own: a shell would find the system's."""
     if find_spec("pip") is None and Path(sys.prefix, "..", ".tools", "bin", "uv").exists():
         return f".tools/bin/uv pip install -e '.[{extra}]' in the checkout"
+    if extra == "local":  # needs another package of the checkout
+        return "pip install 'pliant[local]' (in a checkout: make dist, then add --find-links dist)"
     return f"pip install '.[{extra}]' in a checkout"
 
 

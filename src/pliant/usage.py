@@ -70,6 +70,13 @@ class Usage:
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Shown:
+    """A mark on an option that stands for several, saying of which dataclass they are fields."""
+
+    kind: type
+
+
 def options(command: Callable[..., Any]) -> list[Option]:
     """Every option of a command, in the order of its signature; a dataclass's in its place."""
     if is_dataclass(command):
@@ -224,6 +231,9 @@ def _options(name: str, hint: Any, default: Any, meaning: str, group: str = "") 
     plain, marks = (
         (hint.__origin__, hint.__metadata__) if get_origin(hint) is Annotated else (hint, ())
     )
+    shown = next((mark for mark in marks if isinstance(mark, Shown)), None)
+    if shown is not None:
+        plain, default = shown.kind, shown.kind()
     if is_dataclass(plain):
         assert isinstance(plain, type)
         hints, meanings = get_type_hints(plain, include_extras=True), field_meanings(plain)

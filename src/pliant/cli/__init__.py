@@ -19,8 +19,8 @@ from pliant.cli.check_cell import check_cell
 from pliant.cli.experiment import experiment
 from pliant.cli.export import export
 from pliant.cli.label import label
-from pliant.cli.model import with_preset
 from pliant.cli.run import run
+from pliant.cli.serve_model import serve_model
 from pliant.cli.tables import tables
 from pliant.cli.teach import teach
 from pliant.cli.view import view
@@ -45,6 +45,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., Any], Usage]] = {
     "tables": (tables, usages.TABLES),
     "export": (export, usages.EXPORT),
     "bench-reasoner": (bench_reasoner, usages.BENCH_REASONER),
+    "serve-model": (serve_model, usages.SERVE_MODEL),
     "label": (label, usages.LABEL),
     "calibrate": (calibrate, usages.CALIBRATE),
     "check-cell": (check_cell, usages.CHECK_CELL),
@@ -135,8 +136,8 @@ def _called() -> None:
         current_folder()  # what is started from one that is gone fails somewhere deep
         words = [expanded(word) for word in sys.argv[1:]]
         if words and words[0] in COMMANDS and not any(word in HELP for word in words):
-            refuse_repeats(words, COMMANDS[words[0]][0])  # a preset's options are no repeats
-        sys.exit(parsed(with_preset(words))())
+            refuse_repeats(words, COMMANDS[words[0]][0])
+        sys.exit(parsed(words)())
     finally:  # what cannot be shown is found out here, and not as the program ends
         sys.stdout.flush()
 

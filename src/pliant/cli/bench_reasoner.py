@@ -49,7 +49,7 @@ def bench_reasoner(
     if out is not None:
         _check_writable(out)
     if VLM in reasoners:
-        model.refuse_silent(model.vlm, partial(print, file=sys.stderr))
+        model.refuse_silent(model.settings, partial(print, file=sys.stderr))
     total = len(makers) * (len(chosen) if limit is None else min(limit, len(chosen)))
     marked = count(1)
     with counted("cases") as steps:
@@ -76,15 +76,16 @@ def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
     """Makers of the reasoners to be asked, by the name shown. Each reasoner is made once here, so
     that one that cannot be made is refused before anything is asked."""
     model.refuse_without(is_asked=VLM in names)
-    if model.vlm.probes:
+    settings = model.settings
+    if settings.probes:
         raise InputError("--probes: nothing moves here, so that nobody can probe; leave it out")
     makers: dict[str, Make] = {}
     for name in map(located_own, names):
         if [*map(located_own, names)].count(name) > 1:
             raise InputError(f"reasoner '{short_name(name)}' is given twice: give it once")
         if name == VLM:
-            vlm(model.vlm, replay=_recording(model.replay, "0001"))
-            makers[f"{VLM} ({model.vlm.model})" if model.vlm.model else VLM] = _vlm_for(model)
+            vlm(settings, replay=_recording(model.replay, "0001"))
+            makers[f"{VLM} ({settings.name})" if settings.name else VLM] = _vlm_for(model)
         elif name == coin.NAME:
             makers[name] = lambda case: coin.Coin()
         else:
@@ -99,7 +100,7 @@ def _makers(names: tuple[str, ...], model: ModelOptions) -> Mapping[str, Make]:
 def _vlm_for(model: ModelOptions) -> Make:
     def make(case: str) -> Reasoner:
         record, replay = (_recording(folder, case) for folder in (model.record, model.replay))
-        return vlm(model.vlm, record=record, replay=replay)
+        return vlm(model.settings, record=record, replay=replay)
 
     return make
 

@@ -112,13 +112,16 @@ def experiment(
     overrides = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
     if file is not None:
         planned = plan.load(
-            file, overrides, agree=partial(_agree, console=console, trust=trust, model=model)
+            file,
+            overrides,
+            agree=partial(_agree, console=console, trust=trust, model=model),
+            replayed=model.replay is not None,
         )
     else:
         default = {"conditions": ["all"], "reasoners": ["rules"]}
         if level in (None, "L0"):
             default["pegs"] = ["circle"]
-        planned = plan.from_fields(default, overrides)
+        planned = plan.from_fields(default, overrides, replayed=model.replay is not None)
     planned = replace(planned, where=where_trials_are(cell))
     is_simulated = planned.where.is_simulated
     if not is_simulated and (workers, ray) != (None, None):

@@ -101,7 +101,8 @@ def run(
         "goals": None if goals is None else str(goals),
         "vlm": model.given,
     }
-    experiment = replace(plan.from_fields(fields), where=where_trials_are(cell))
+    planned = plan.from_fields(fields, replayed=model.replay is not None)
+    experiment = replace(planned, where=where_trials_are(cell))
     is_simulated = experiment.where.is_simulated
     if live and not is_simulated:
         raise InputError("--live shows the simulated cell: leave it out, or --cell")

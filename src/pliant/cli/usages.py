@@ -14,6 +14,7 @@ RUN = Usage(
             "pliant run --reasoner mine.py:Mine --hole-y-mm 8 12",
             "your reasoner, a hole far off",
         ),
+        ("pliant run --reasoner vlm", "the model that comes with pliant"),
         ("pliant run --reasoner vlm --model openai:gpt-4o --max-usd 1", "a hosted model"),
     ),
     groups={
@@ -77,6 +78,13 @@ BENCH_REASONER = Usage(
         ),
     ),
     groups={_TRIED: ("cases", "limit"), _KEPT: ("out",), **GROUPS},
+)
+SERVE_MODEL = Usage(
+    examples=(
+        ("pliant serve-model", "says its address, and how to ask it"),
+        ("pliant serve-model --port 8001", "always at the same"),
+        ("pliant serve-model --weights tuned/model.gguf --projector tuned/mmproj.gguf", "your own"),
+    ),
 )
 LABEL = Usage(
     examples=(

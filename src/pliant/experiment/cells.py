@@ -80,7 +80,7 @@ class Experiment:
     @property
     def models(self) -> list[str]:
         """The models that are asked, cell by cell."""
-        return [str(c.vlm.model) for c in self.cells if c.vlm is not None]
+        return [str(c.vlm.name) for c in self.cells if c.vlm is not None]
 
     def check_models(self) -> None:
         """Check the models to be asked. Raises InputError when one is unknown, or its library or
@@ -104,6 +104,7 @@ class Experiment:
                     "reasoner": c.names[-1],
                     "reasoner_file": decides.own_file_hash(c.reasoner),
                     "vlm": None if c.vlm is None else asdict(c.vlm),
+                    "weights": decides.weights_hash(c.vlm),
                     "method": short_name(c.method),
                     "method_file": decides.own_file_hash(c.method),
                 }
@@ -111,7 +112,10 @@ class Experiment:
             ],
             "cell": self.where.document,
             "goals": decides.goals(self.teaching()),
-            **decides.installation(models=self.where.kind == "sim", vlm=bool(self.models)),
+            **decides.installation(
+                models=self.where.kind == "sim",
+                asked=[c.vlm for c in self.cells if c.vlm is not None],
+            ),
         }
 
     @property

@@ -7,7 +7,8 @@ worker compares it with its own, so that they are, on whatever machine.
 - `models`: the robots' MJCF files and every mesh that they name, as MuJoCo loads them.
 - `versions`: of MuJoCo (physics and drawing), OpenCV (what is measured in pictures), NumPy (draws,
   linear algebra), Python to the minor version (3.12, say, sums floats in another way), and with a
-  VLM of the library that words its requests.
+  VLM of the library that words its requests, and of the server where pliant has its own.
+- `weights`: of a model that pliant serves itself.
 
 Not in it, because nothing of theirs reaches a trial: PyYAML (what it read is in the fingerprint,
 parsed), PyArrow, PyAV, rich, tyro. Nor are the processor and the OpenGL driver, since a cluster may
@@ -18,7 +19,7 @@ import hashlib
 import json
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from importlib.resources import files
@@ -32,6 +33,8 @@ from pliant.errors import InputError
 from pliant.experiment.one import Spec
 from pliant.formations import Formation
 from pliant.own import own_file
+from pliant.reasoners.vlm import local
+from pliant.reasoners.vlm.settings import Settings
 from pliant.task import load_task
 from pliant.teaching import Teaching
 
@@ -42,14 +45,16 @@ _CANNOT_DECIDE = (
 _DECIDE = ("misread.py", "one.py", "oracle.py", "rows.py", "success.py")  # of the experiment's own
 
 
-def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:
+def installation(*, models: bool = True, asked: Iterable[Settings] = ()) -> dict[str, Any]:
     """The installation on this machine, as JSON: with the robots' `models` where it is simulated,
-    and with the library of a `vlm` where one is asked.
+    and with the libraries of the VLMs that are `asked`.
 
     Raises:
         InputError: a robot model cannot be read.
     """
-    packages = ["pliant", "mujoco", "numpy", *(["pydantic-ai-slim"] if vlm else [])]
+    packages = ["pliant", "mujoco", "numpy"]
+    for settings in asked:
+        packages += ["pydantic-ai-slim", *(["xllamacpp"] if settings.is_local else [])]
     python = ".".join(map(str, sys.version_info[:2]))
     return {
         "code": _code(),
@@ -66,9 +71,12 @@ def installation(*, models: bool = True, vlm: bool = False) -> dict[str, Any]:
 def expected(spec: Spec) -> dict[str, Any]:
     """The installation that a worker must have to simulate this trial, with the hashes of a user's
     own files."""
-    found = installation(vlm=spec.vlm is not None)
     own = {"reasoner_file": spec.reasoner, "method_file": spec.method}
-    return {**found, **{what: own_file_hash(name) for what, name in own.items()}}
+    return {
+        **installation(asked=[] if spec.vlm is None else [spec.vlm]),
+        **{what: own_file_hash(name) for what, name in own.items()},
+        "weights": weights_hash(spec.vlm),
+    }
 
 
 def check(spec: Spec, wanted: Mapping[str, Any]) -> None:
@@ -103,6 +111,22 @@ def own_file_hash(name: str) -> str | None:
     file's. What that file imports is not followed."""
     own = own_file(name)
     return digest(own[0].read_bytes()) if own is not None and own[0].is_file() else None
+
+
+def weights_hash(settings: Settings | None) -> str | None:
+    """Content hash of the weights of a model that pliant serves itself; None: it does not, or they
+    are not there, which a replay does not need."""
+    found = None if settings is None else local.weights_of(settings)
+    files = [] if found is None else [found.model, found.projector]
+    if not files or not all(path.is_file() for path in files):
+        return None
+    return _hash_of_files(*((path, path.stat().st_mtime_ns) for path in files))
+
+
+@lru_cache
+def _hash_of_files(*files: tuple[Path, int]) -> str:
+    """Content hash of files; the times of their last change say when it must be made anew."""
+    return digest(*(path.read_bytes() for path, _ in files))
 
 
 def goals(taught: Teaching) -> str:

@@ -20,6 +20,7 @@ _WHOSE = {
     "reasoner_file": "the file of reasoner '{3}'",
     "method_file": "the method's file",
     "vlm": "the model's settings",
+    "weights": "the model's weights",
     "task": "peg '{1}'",
     "condition": "condition '{2}'",
 }

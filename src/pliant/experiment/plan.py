@@ -32,7 +32,7 @@ from pliant.own import located_own, own_file
 from pliant.paths import located
 from pliant.reasoners import REASONERS, VLM, reasoner
 from pliant.reasoners.vlm import settings as vlm_settings
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.settings import SHIPPED, Settings, located_model
 from pliant.task import load_task, located_peg
 
 T = TypeVar("T")
@@ -43,12 +43,16 @@ _CELL_FIELDS = (*_BLOCK.values(), "level", "method")
 
 
 def load(
-    path: Path, overrides: Mapping[str, Any] | None = None, *, agree: Agree = refuse
+    path: Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    agree: Agree = refuse,
+    replayed: bool = False,
 ) -> Experiment:
     """Read an experiment file. `overrides` replace its fields of the same name; pegs, conditions
     and reasoners replace those of every listed cell too. Where the file itself names code or a
     model, `agree` is told before any of that code is run, and raises what it does not agree to; by
-    default all of it.
+    default all of it. Where replies are `replayed`, a model that is not named is any.
 
     Raises:
         InputError: the file cannot be read, a field, a name or a value in it is not valid, or what
@@ -56,13 +60,15 @@ def load(
     """
     document = files.read_yaml(located(path), "experiment file", f"fields are {', '.join(_FIELDS)}")
     with document.at(()):
-        return _planned(document.fields(), overrides, located(path).parent, agree)
+        return _planned(document.fields(), overrides, located(path).parent, agree, replayed)
 
 
 def from_fields(
     fields: Mapping[str, Any],
     overrides: Mapping[str, Any] | None = None,
     folder: Path | None = None,
+    *,
+    replayed: bool = False,
 ) -> Experiment:
     """Build an experiment from the fields of an experiment file. Relative paths in `fields` count
     from `folder`, or without it from the current folder, as those in `overrides` do.
@@ -70,12 +76,13 @@ def from_fields(
     Cells are the cross product of `pegs`, `conditions` and `reasoners`, then those under `cells`;
     a cell that occurs twice counts once. A condition is a name or a mapping with a name and ranges;
     a reasoner is a name, or a mapping with a name and settings of the VLM. Code that it names is
-    run: whoever calls this has chosen it.
+    run: whoever calls this has chosen it. Where replies are `replayed`, a model that is not named
+    is any, else the one that comes with pliant.
 
     Raises:
         InputError: a field, a name or a value is not valid.
     """
-    return _planned(fields, overrides, folder, agree=lambda named: None)
+    return _planned(fields, overrides, folder, lambda named: None, replayed)
 
 
 def _planned(
@@ -83,6 +90,7 @@ def _planned(
     overrides: Mapping[str, Any] | None,
     folder: Path | None,
     agree: Agree,
+    replayed: bool,
 ) -> Experiment:
     given = dict(fields)
     replaced = {k: v for k, v in (overrides or {}).items() if v is not None}
@@ -102,6 +110,8 @@ def _planned(
         block.update({k: _Given(v) for k, v in replaced.items() if k in ("level", "method")})
     asked = {k: _Given(v, ("vlm", k)) for k, v in _settings(given).items()}
     asked |= {k: _Given(v) for k, v in _settings(replaced).items()}
+    if replayed:
+        asked.setdefault("model", _Given(None))
     cells: list[Spec] = []
     for place, block in blocks:
         cells += [cell for cell in _cells(place, block, asked) if cell not in cells]
@@ -159,9 +169,13 @@ def _located(fields: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
     def place(name: str, value: Any) -> Any:
         if isinstance(value, list | tuple):
             return [place(name, entry) for entry in value]
+        if isinstance(value, dict) and "model" in value:  # a reasoner's own
+            return {**value, "model": located_model(value["model"], folder)}
         return makers[name](value, folder) if isinstance(value, str) else value
 
     result = {k: place(k, v) if k in makers else v for k, v in fields.items()}
+    if isinstance(asked := fields.get("vlm"), dict) and "model" in asked:
+        result["vlm"] = {**asked, "model": located_model(asked["model"], folder)}
     if isinstance(cells := fields.get("cells"), list):
         result["cells"] = [
             _located(block, folder) if isinstance(block, dict) else block for block in cells
@@ -283,7 +297,7 @@ def _named(minds: list[_Given], ways: list[_Given], asked: Mapping[str, _Given])
         if settings.base_url is not None:
             if chosen["base_url"]:
                 servers.append(settings.base_url)
-        elif chosen.get("model"):
+        elif chosen.get("model") and settings.model != SHIPPED:
             servers.append(str(settings.model))
     return Named(code=tuple(dict.fromkeys(code)), servers=tuple(dict.fromkeys(servers)))
 

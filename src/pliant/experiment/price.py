@@ -38,7 +38,7 @@ class Estimate:
 
 def estimate(experiment: Experiment) -> Estimate | None:
     """Estimate the cost of all trials whose model is a hosted one; None: there are none."""
-    asked = [c.vlm for c in experiment.cells if c.vlm is not None and c.vlm.base_url is None]
+    asked = [c.vlm for c in experiment.cells if c.vlm is not None and c.vlm.is_hosted]
     if not asked:
         return None
     n = experiment.trials

@@ -9,6 +9,7 @@ from pliant.errors import InputError, installing, unknown
 from pliant.own import make_own, own_file
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
+from pliant.reasoners.vlm import local
 from pliant.reasoners.vlm.settings import Settings
 from pliant.recovery import Reasoner
 
@@ -63,7 +64,10 @@ def vlm(
         InputError: the extra is not installed, the model is unknown or lacks its key, or a
             recording cannot be used.
     """
-    needs_extra()
+    if replay is None:
+        _needs_extra_of(settings)
+    else:
+        needs_extra()
     from pliant.reasoners.vlm.models import model_of, recorded
     from pliant.reasoners.vlm.reasoner import Vlm
     from pliant.reasoners.vlm.tape import Recorder, Replayer, Tape
@@ -85,7 +89,7 @@ def first_answer(settings: Settings) -> "ModelAnswer[Seen] | None":
     """
     if not settings.stages:
         return None
-    needs_extra()
+    _needs_extra_of(settings)
     from pliant.reasoners.vlm.first_request import first_answer as ask
     from pliant.reasoners.vlm.models import model_of
 
@@ -101,7 +105,7 @@ def refuse_silent(settings: Settings, say: Callable[[str], None]) -> None:
     found = first_answer(settings)
     if found is None:
         return
-    who = f"model '{settings.model}'"
+    who = f"model '{settings.name}'"
     if found.problem and found.is_final:
         raise InputError(
             f"{who} cannot be asked: {found.problem}; nothing has moved: mend it,"
@@ -111,6 +115,14 @@ def refuse_silent(settings: Settings, say: Callable[[str], None]) -> None:
         say(f"{who}, asked first ({found}), gave no usable reply: {found.problem}")
     else:
         say(f"{who}, asked first, answered ({found})")
+
+
+def _needs_extra_of(settings: Settings) -> None:
+    """Raise InputError if what asks the model that settings name is not installed."""
+    if settings.is_local:
+        local.installed(settings)
+    else:
+        needs_extra()
 
 
 def needs_extra(what: str = "the reasoner vlm") -> None:

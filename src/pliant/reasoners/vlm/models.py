@@ -14,6 +14,7 @@ from pydantic_ai.settings import ModelSettings
 
 from pliant.errors import InputError
 from pliant.network import keep_direct, origin
+from pliant.reasoners.vlm import local
 from pliant.reasoners.vlm.causes import NO_KEY, address, refusal, said
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.tape import Replayer
@@ -41,20 +42,25 @@ _ACCOUNT = ("OpenAI-Organization", "OpenAI-Project")  # headers that its client 
 
 
 def model_of(settings: Settings) -> Model:
-    """The model that settings name, ready to be asked. Nothing is sent yet.
+    """The model that settings name, ready to be asked. Nothing is sent yet. One of pliant's own is
+    served from now on.
 
     Raises:
-        InputError: no model is named, it is unknown, its library or its key is missing.
+        InputError: no model is named, it is unknown, its library or its key is missing, or it
+            cannot be served.
     """
     if not settings.model:
         raise InputError(
-            "the reasoner vlm has no model: give --model, such as openai:gpt-4o, or --base-url and"
-            " the --model that the server there knows"
+            "the reasoner vlm has no model: give --model, such as local or openai:gpt-4o; with"
+            " --base-url the one that the server there knows"
         )
     try:
+        if settings.is_local:
+            return _served(str(settings.name), local.base_url(settings), None, "")
         if settings.base_url is None:
             return _thinking(_inferred(settings.model), settings)
-        return _served(settings.model.removeprefix("openai:"), settings.base_url)
+        key, withheld = _key(settings.base_url)
+        return _served(settings.model.removeprefix("openai:"), settings.base_url, key, withheld)
     except ImportError as error:
         if "socksio" in str(error):
             raise InputError(
@@ -157,8 +163,9 @@ def _inferred(name: str) -> Model:
     return infer_model(name) if model.base_url and keep_direct(model.base_url) else model
 
 
-def _served(name: str, base_url: str) -> Model:
-    """The model that the server at `base_url` knows as `name`."""
+def _served(name: str, base_url: str, key: str | None, withheld: str) -> Model:
+    """The model that the server at `base_url` knows as `name`; where it has no key, `withheld` says
+    why."""
     from openai import omit
     from openai.types.chat import ChatCompletion
     from pydantic_ai.models.openai import OpenAIChatModel, OpenAIChatModelSettings
@@ -226,6 +233,20 @@ def _served(name: str, base_url: str) -> Model:
             sent["openai_reasoning_effort"] = effort
         return sent, parameters
 
+    keep_direct(base_url)
+    return Served(
+        name,
+        provider=OpenAIProvider(base_url=base_url, api_key=key or "none"),
+        settings=ModelSettings(extra_headers=dict.fromkeys(_ACCOUNT, omit)),  # type: ignore[arg-type]
+    )
+
+
+def _key(base_url: str) -> tuple[str | None, str]:
+    """The key for the server at `base_url`, if any, and the words for why it gets none.
+
+    Raises:
+        InputError: the environment would send it something that may be meant for another.
+    """
     if os.environ.get("OPENAI_CUSTOM_HEADERS"):
         raise InputError(
             f"OPENAI_CUSTOM_HEADERS is set, and its headers would be sent to {base_url}: unset it"
@@ -238,13 +259,7 @@ def _served(name: str, base_url: str) -> Model:
         )
     key = given if is_for == origin(base_url) else None
     whose = f"{KEY} is for {address(is_for)}" if is_for and given else f"{KEY} is not set"
-    withheld = f"{NO_KEY} to {address(base_url)}: {whose} (and {KEY_FOR} says for which)"
-    keep_direct(base_url)
-    return Served(
-        name,
-        provider=OpenAIProvider(base_url=base_url, api_key=key or "none"),
-        settings=ModelSettings(extra_headers=dict.fromkeys(_ACCOUNT, omit)),  # type: ignore[arg-type]
-    )
+    return key, f"{NO_KEY} to {address(base_url)}: {whose} (and {KEY_FOR} says for which)"
 
 
 def _key_is_for() -> str | None:

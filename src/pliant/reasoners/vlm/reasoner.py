@@ -60,7 +60,7 @@ class Vlm:
 
     @property
     def model(self) -> str:
-        return self.settings.model or self.asked.model_name
+        return self.settings.name or self.asked.model_name
 
     # --- judging ---------------------------------------------------------------------------------
 

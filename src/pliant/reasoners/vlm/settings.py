@@ -7,12 +7,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pliant.errors import InputError, unknown, within
+from pliant.paths import located
+
+LOCAL = "local"
+"""The model that comes with pliant, as it may be named; `local:FOLDER` is one tuned from it."""
+SHIPPED = "pliant-vlm-1"
+"""The model that comes with pliant, as records and tables name it."""
+_TUNED = f"{LOCAL}:"
 
 
 class Plans(StrEnum):
@@ -52,7 +60,8 @@ class Effort(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Every choice about the VLM; they are fields of an experiment file and options of `run`.
+    """Every choice about the VLM; they are fields of an experiment file and options of `run`, from
+    which `from_fields` makes them.
 
     Raises:
         InputError: a value is out of range, or a web address is none or holds a password.
@@ -61,7 +70,8 @@ class Settings:
     __pydantic_config__ = ConfigDict(strict=False, extra="forbid")
 
     model: str | None = None
-    """Provider and name, such as openai:gpt-4o; with `base_url` the name the server knows."""
+    """Provider and name, such as openai:gpt-4o; with `base_url` the name the server knows; local,
+    which is the default, or local:FOLDER, of one tuned from it."""
     base_url: str | None = None
     """An OpenAI-compatible server, such as http://localhost:8000/v1; a key, where it wants one, is
     read from PLIANT_VLM_KEY, if PLIANT_VLM_KEY_FOR names this server."""
@@ -160,6 +170,28 @@ class Settings:
         return (*judging, *(("probe",) if self.probes else ()), "analyse", "plan")
 
     @property
+    def is_local(self) -> bool:
+        """Whether pliant serves the model itself."""
+        return self.base_url is None and _is_pliants(self.model)
+
+    @property
+    def is_hosted(self) -> bool:
+        """Whether it is a provider's model, which may cost money."""
+        return self.base_url is None and not self.is_local
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of a tuned model that pliant serves itself; None: the model is another."""
+        if not self.is_local or not str(self.model).startswith(_TUNED):
+            return None
+        return Path(str(self.model).removeprefix(_TUNED))
+
+    @property
+    def name(self) -> str | None:
+        """The model's name in records and tables: a folder's without its own folder."""
+        return self.model if self.folder is None else f"{_TUNED}{self.folder.name}"
+
+    @property
     def output_mode(self) -> Output:
         if self.output is not None:
             return self.output
@@ -186,21 +218,29 @@ plans in two stages with absolute goals by function calling, sees no earlier exe
 measurement in millimetres, and no rules stand behind it; a goal may change as far as the envelope
 lets it."""
 
+BROUGHT: Mapping[str, Any] = {"output": "native", "picture_px": 384, "brief": True, "history": 3}
+"""What the model that comes with pliant was trained with, and one tuned from it: its defaults."""
+
 
 def from_fields(given: Mapping[str, Any]) -> Settings:
     """Settings from the fields of a file, in YAML's types. The field `preset` gives those of
-    `PRESETS`, and the others win over it.
+    `PRESETS`; what a model brings wins over it, and the other fields over both. Without a model and
+    a server's address it is the one that comes with pliant; an empty `model` is none.
 
     Raises:
         InputError: a field is unknown, or its value is not valid.
     """
     given = dict(given)
     preset = given.pop("preset", None)
-    if preset is not None:
-        if preset not in PRESETS:
-            with within("preset"):
-                raise unknown("preset of the VLM", str(preset), [*PRESETS])
-        given = {**PRESETS[preset], **given}
+    if preset is not None and preset not in PRESETS:
+        with within("preset"):
+            raise unknown("preset of the VLM", str(preset), [*PRESETS])
+    if given.get("base_url") is None:
+        given["model"] = located_model(given.get("model", LOCAL))
+        if given["model"] == LOCAL:
+            given["model"] = SHIPPED
+    brought = BROUGHT if _is_pliants(given.get("model")) else {}
+    given = {**PRESETS.get(preset, {}), **brought, **given}
     names = [f.name for f in fields(Settings)]
     for name in given:
         if name not in names:
@@ -217,6 +257,19 @@ def from_fields(given: Mapping[str, Any]) -> Settings:
         field, value = first["loc"][0] if first["loc"] else "settings", first["input"]
         with within(field):
             raise InputError(f"VLM: {field} is {value!r}: {first['msg'].lower()}") from error
+
+
+def located_model(name: Any, folder: Path | None = None) -> Any:
+    """A model's name with the folder of a tuned one as an absolute path, which counts from
+    `folder`, or without it from the current one."""
+    if not isinstance(name, str) or not name.startswith(_TUNED):
+        return name
+    return f"{_TUNED}{located(name.removeprefix(_TUNED), folder)}"
+
+
+def _is_pliants(model: object) -> bool:
+    """Whether a model, served by whomever, is the one that comes with pliant, or tuned from it."""
+    return isinstance(model, str) and (model in (LOCAL, SHIPPED) or model.startswith(_TUNED))
 
 
 @lru_cache
