@@ -1,7 +1,7 @@
 # Needs only python3 with venv, make and git. Everything it makes stays in this folder, except system
 # packages, for drawing pictures and for the browser tests, which tools/ensure_*.sh install for root.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-system bounds extras docs bench bench-peers clean
+.PHONY: help setup run test test-system bounds extras dist docs bench bench-peers clean
 UV_VERSION := 0.13.9
 SEED ?= 1
 BIN := .venv/bin
@@ -35,6 +35,8 @@ bounds: setup  ## Tests with every dependency at its lowest, then at its highest
 	tools/try_bounds.sh highest
 extras: setup  ## The wheel with each extra alone, on each Python that is here, and its types
 	tools/smoke_extras.sh
+dist: .tools/uv-$(UV_VERSION)  ## The wheels of pliant, its benchmark's cases and its own model, into dist
+	tools/build_wheels.sh dist
 docs: .cache/venv-docs/.synced  ## The documentation as a site that needs no network: site/index.html
 	tools/build_docs.sh
 bench: setup  ## Measure what a trial costs, into docs/speed.md
@@ -51,7 +53,7 @@ clean:  ## Remove what make made, but not the results in runs/
 	.tools/bin/uv sync --frozen --quiet
 	touch $@
 .cache/venv-system/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
-	UV_PROJECT_ENVIRONMENT=.cache/venv-system .tools/bin/uv sync --frozen --quiet --extra ray --extra rerun --extra ur5e --extra vlm --group system
+	UV_PROJECT_ENVIRONMENT=.cache/venv-system .tools/bin/uv sync --frozen --quiet --extra local --extra ray --extra rerun --extra ur5e --extra vlm --group system
 	touch $@
 .cache/venv-docs/.synced: pyproject.toml uv.lock .tools/uv-$(UV_VERSION)
 	UV_PROJECT_ENVIRONMENT=.cache/venv-docs .tools/bin/uv sync --frozen --quiet --only-group docs

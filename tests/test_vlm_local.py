@@ -276,7 +276,7 @@ def test_a_server_that_cannot_start_says_why(local_model: Path, tmp_path: Path) 
     assert "\n" not in str(raised.value)
     (tmp_path / local.MODEL).write_bytes(b"no weights")
     (tmp_path / local.PROJECTOR).symlink_to(local_model / local.PROJECTOR)
-    with pytest.raises(InputError, match="did not start: .*failed to load model") as raised:
+    with pytest.raises(InputError, match=r"did not start: .*failed to load model") as raised:
         vlm(from_fields({"model": f"local:{tmp_path}"}))
     assert "\n" not in str(raised.value)
 

@@ -12,6 +12,7 @@ uv=$PWD/.tools/bin/uv checkout=$PWD
 
 declare -A uses=(
   [none]='import pliant; assert pliant.run(peg="circle", condition="none", reasoner="none").inserted'
+  [local]='import openai, xllamacpp, pliant_vlm, pliant.reasoners.vlm.models'
   [gym]='import gymnasium, pliant.envs; gymnasium.make("pliant/Recovery-v0").reset(seed=1)'
   [ray]='import ray, pliant.experiment.on_ray'
   [rerun]='import rerun, pliant.export.recording'
@@ -23,7 +24,7 @@ declare -A uses=(
 mkdir -p .cache
 folder=$(mktemp -d "$PWD/.cache/extras.XXXXXX")
 trap 'rm -rf "$folder"' EXIT
-"$uv" build --quiet --wheel --out-dir "$folder" .
+tools/build_wheels.sh "$folder"
 wheel=$(echo "$folder"/pliant-*.whl)
 
 python_of() { # of that version: on the path, else pyenv's newest
@@ -38,12 +39,13 @@ python_of() { # of that version: on the path, else pyenv's newest
 }
 
 installed() { # VENV EXTRA PYTHON; status 3: something of the extra is built for another Python only
-  local of=()
+  local of=() wheels=("$wheel")
   [ "$2" = none ] || of=(--extra "$2")
+  [ "$2" != local ] || wheels+=("$folder"/pliant_vlm-*.whl)
   "$uv" venv --quiet --no-project --python "$3" "$1"
-  "$uv" export --quiet --frozen --no-dev --no-emit-project "${of[@]}" --output-file "$1/locked.txt" >/dev/null
+  "$uv" export --quiet --frozen --no-dev --no-emit-local "${of[@]}" --output-file "$1/locked.txt" >/dev/null
   "$uv" pip install --quiet --only-binary :all: --python "$1/bin/python" \
-    --requirement "$1/locked.txt" "$wheel" 2>"$folder/said" && return
+    --requirement "$1/locked.txt" "${wheels[@]}" 2>"$folder/said" && return
   cat "$folder/said" >&2
   grep -q "no usable wheels\|no wheels with a matching\|has no wheel" "$folder/said" && return 3
   return 1
@@ -83,7 +85,7 @@ for version in "${@:-3.11}" $([ $# -gt 0 ] || echo 3.12 3.13); do
     continue
   fi
   tried=$((tried + 1))
-  for extra in none gym ray rerun ur5e vlm; do
+  for extra in none gym local ray rerun ur5e vlm; do
     venv=$folder/$version-$extra
     status=0
     installed "$venv" $extra "$python" || status=$?

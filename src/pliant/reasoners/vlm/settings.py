@@ -70,11 +70,11 @@ class Settings:
     __pydantic_config__ = ConfigDict(strict=False, extra="forbid")
 
     model: str | None = None
-    """Provider and name, such as openai:gpt-4o; with `base_url` the name the server knows; local,
-    which is the default, or local:FOLDER, of one tuned from it."""
+    """Provider and name, such as openai:gpt-4o; local, the default, or local:FOLDER; or the name
+    that the server at `base_url` knows."""
     base_url: str | None = None
-    """An OpenAI-compatible server, such as http://localhost:8000/v1; a key, where it wants one, is
-    read from PLIANT_VLM_KEY, if PLIANT_VLM_KEY_FOR names this server."""
+    """An OpenAI-compatible server, such as http://localhost:8000/v1; its key is read from
+    PLIANT_VLM_KEY, if PLIANT_VLM_KEY_FOR names it."""
     output: Output | None = None
     """tool, native or prompted; None: native with `base_url`, else tool."""
     plan: Plans = Plans.BOUNDED
@@ -84,13 +84,11 @@ class Settings:
     recover: Decider = Decider.VLM
     """Who analyses and plans: vlm or rules."""
     probes: bool = False
-    """Let it ask for probes before it plans, where the method has them: pictures from every camera
-    with the peg lifted out, and a touch at a place of its choice."""
+    """Let it look and touch before it plans, where the method has probes."""
     picture: bool = True
     """Show the picture taken after the skill."""
     picture_px: int | None = None
-    """The width that pictures are shrunk to before they are sent, for fewer tokens; None: as they
-    were taken."""
+    """The width that pictures are shrunk to before they are sent; None: as taken."""
     oblique_picture: bool = False
     """Show the hole from above, too, as it was before the peg came down."""
     goal_picture: bool = True
@@ -104,8 +102,7 @@ class Settings:
     belief: bool = True
     """Where the skills go by them: tell measurements and belief all the same."""
     brief: bool = False
-    """Leave the instructions out, but for a few words on the task: for a model that was trained on
-    it."""
+    """Instruct it in a few words: for a model that was trained on the task."""
     history: int = 5
     """Earlier executions told."""
     one_call: bool = False
