@@ -30,6 +30,7 @@ from pliant.reasoners.vlm.replies import (
 )
 from pliant.reasoners.vlm.settings import Decider, Plans, Settings
 from pliant.reasoners.vlm.tape import Tape
+from pliant.reasoners.vlm.telling import tells_measurements
 from pliant.reasoners.vlm.wire import Budget, Wire
 from pliant.records import Case, Exchange, FailureAnalysis, Probe, Recovery, Verdict
 
@@ -278,7 +279,7 @@ def _plan(case: Case, settings: Settings) -> type[BaseModel]:
 def as_told(verdict: Verdict, case: Case, settings: Settings, name: str) -> Verdict:
     """The verdict as the model of this name is told it. The words of another judge hold
     measurements and Table I, which a model that is not told them would learn that way."""
-    if verdict.by == name or prompt.tells_measurements(settings, case):
+    if verdict.by == name or tells_measurements(settings, case):
         return verdict
     return replace(verdict, reason=f"judged by {verdict.by}", conflict=None)
 
