@@ -14,7 +14,7 @@ from voices import SpeaksForRules
 
 from pliant.envelope import Limits
 from pliant.formations import RECOVERABLE, Formation
-from pliant.pose import Pose
+from pliant.pose import Axis, Pose
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import prompt
 from pliant.reasoners.vlm.settings import Plans, Settings
@@ -302,3 +302,14 @@ def test_in_brief_the_static_part_says_the_task_and_nothing_else() -> None:
     assert "the circle, 90 mm long and 40 mm wide" in told
     assert "Method: planar" in told
     assert len(told) < 400
+
+
+def test_in_brief_the_situation_is_told_in_few_words_and_holds_the_same_facts() -> None:
+    full = prompt.situation(failed(), PAPER, asked="plan.")
+    short = prompt.situation(failed(), replace(PAPER, brief=True), asked="plan.")
+    told = str(short[0])
+    case = failed()
+    assert f"fit y {case.goals.formations[Formation.FIT][Axis.Y] * 1e3:.1f}" in told
+    assert f"no {len(case.history) + 1}, {case.outcome.step.formation}" in told
+    assert len(told) < len(str(full[0])) / 2
+    assert short[-1] == "Asked: plan."

@@ -32,16 +32,18 @@ from pliant.export.questions import place
 from pliant.export.source import Saved, Source, counts
 from pliant.formations import OWNED, RECOVERABLE, Formation
 from pliant.reasoners.vlm import plans, prompt
-from pliant.reasoners.vlm.reasoner import unasked
+from pliant.reasoners.vlm.reasoner import as_told, unasked
 from pliant.reasoners.vlm.replies import (
     Judgement,
+    absolute_plan,
     analysis_form,
     bounded_plan,
     change_field,
     motion_field,
+    shift_field,
     shifted,
 )
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.settings import Plans, Settings
 from pliant.records import Case, Recovery, Trial, Verdict
 from pliant.recovery import changes
 from pliant.store import PICTURES, load_trial
@@ -87,17 +89,18 @@ def conversations(trial: Trial, settings: Settings) -> Iterator[tuple[Label, Con
         case = case_of(trial, label)
         if label.execution.formation not in RECOVERABLE:
             continue
-        told = _judgement(label, case)
-        if unasked(case) is None:
-            yield label, _asked(case, settings, "judge", label, told)
+        judged, known = _judgement(label, case), unasked(case)
+        if known is None:
+            yield label, _asked(case, settings, "judge", label, judged)
         if label.success:
             continue
         recovery = correction(trial, label)
         if recovery is None:
             continue
-        verdict = Verdict(
-            success=False, reason=told.reason, votes={}, conflict=told.conflict or None, by=_BY
+        verdict = known or Verdict(
+            success=False, reason=judged.reason, votes={}, conflict=judged.conflict or None, by=_BY
         )
+        verdict = as_told(verdict, case, settings, _BY)
         analysis = _analysis(trial, label, case, recovery)
         yield label, _asked(case, settings, "analyse", label, analysis, verdict)
         plan = _plan(case, settings, recovery)
@@ -173,6 +176,8 @@ def _analysis(trial: Trial, label: Label, case: Case, recovery: Recovery) -> Any
 
 
 def _plan(case: Case, settings: Settings, recovery: Recovery) -> BaseModel:
+    if settings.plan is Plans.ABSOLUTE:
+        return _absolute(case, recovery)
     most_mm = min(settings.step_limit_mm, Limits().goal_step_m * 1e3)
     first = recovery.steps[0] if recovery.steps else None
     names = bounded_plan(most_mm, case.method).model_fields
@@ -183,6 +188,24 @@ def _plan(case: Case, settings: Settings, recovery: Recovery) -> BaseModel:
         "retreat_first": first is not None and first.retreat,
     }
     return bounded_plan(most_mm, case.method)(**fields)
+
+
+def _absolute(case: Case, recovery: Recovery) -> BaseModel:
+    """The plan as skills with goals: those in force, changed by whole millimetres."""
+    told = _changes(case, recovery)
+    steps = []
+    for step in recovery.steps:
+        formation, axis = step.formation, OWNED[step.formation][0]
+        now_mm = case.goals.formations[formation][axis] * 1e3
+        steps.append(
+            {
+                "skill": str(formation),
+                "goal_mm": round(now_mm + told[change_field(formation, axis)], 1),
+                "retreat_first": step.retreat,
+                **{shift_field(axis): 0.0 for axis in shifted(case.method)},
+            }
+        )
+    return absolute_plan(case.method).model_validate({"steps": steps})
 
 
 def _changes(case: Case, recovery: Recovery) -> dict[str, int]:

@@ -5,6 +5,7 @@ It sees what the case holds and no more; numbers are in millimetres and degrees,
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from string import Template
 
 import numpy as np
@@ -16,12 +17,22 @@ from pliant.belief import JUMP_M, Belief
 from pliant.cell import Stop
 from pliant.envelope import Limits
 from pliant.errors import InputError
-from pliant.formations import OWNED, Step
+from pliant.formations import OWNED
 from pliant.methods.words import words_of
-from pliant.pose import Axis, Partial, Pose, describe
+from pliant.pose import Axis, Partial, describe
+from pliant.reasoners.vlm import brief
 from pliant.reasoners.vlm.figures import figures
 from pliant.reasoners.vlm.settings import Settings
-from pliant.records import Case, Check, Evidence, FailureAnalysis, Verdict
+from pliant.reasoners.vlm.telling import (
+    NOT_MADE,
+    goal,
+    in_units,
+    of_check,
+    of_checks,
+    tells_measurements,
+    tenths,
+)
+from pliant.records import Case, FailureAnalysis, Verdict
 from pliant.table import Table
 from pliant.vision.scene import Measured, Scene
 from pliant.vision.surround import OBLIQUE
@@ -35,7 +46,35 @@ ASKED = {
 }
 """The words with which a request ends, by its stage; "both" asks for analysis and plan at once."""
 
-_NOT_MADE = "–"
+
+@dataclass(frozen=True, kw_only=True)
+class _Words:
+    """The words around what is told: in full, or in brief."""
+
+    between: str  # two sections
+    goal: str
+    side: str
+    front: str
+    above: str
+    asked: str
+
+
+_IN_FULL = _Words(
+    between="\n\n",
+    goal="Goal picture: how {formation} looked when it succeeded with the {peg} peg.",
+    side="Picture taken after this {formation}:",
+    front="The same from the front:",
+    above="The hole from above and aside, before the peg came down:",
+    asked="Asked of you now: {asked} Give your answer in the required structure.",
+)
+_IN_BRIEF = _Words(
+    between="\n",
+    goal="Goal, {peg}:",
+    side="Side:",
+    front="Front:",
+    above="Above:",
+    asked="Asked: {asked}",
+)
 _BELIEVED = {
     "hole_x": ("hole", Axis.X),
     "hole_y": ("hole", Axis.Y),
@@ -68,12 +107,6 @@ def instructions(settings: Settings, case: Case, limits: Limits) -> str:
     return "\n\n".join(Template(text).substitute(values).strip() for text in prompts)
 
 
-def tells_measurements(settings: Settings, case: Case) -> bool:
-    """Whether the model is told what was measured: where the skills go by it, unless it is
-    withheld; else, if asked for."""
-    return settings.measurements or (settings.belief and case.method.follows_belief)
-
-
 def situation(
     case: Case,
     settings: Settings,
@@ -86,22 +119,24 @@ def situation(
     """The case as text and pictures, with the verdict or the analysis that came before, and last
     what is `asked` of it."""
     content: list[UserContent] = []
+    words = _IN_BRIEF if settings.brief else _IN_FULL
     formation = case.outcome.step.formation
     shown = case.teaching.demonstrations.get(formation) if goal_picture else None
     if shown is not None:
         content += [
-            f"Goal picture: how {formation} looked when it succeeded with the {shown.peg} peg.",
+            words.goal.format(formation=formation, peg=shown.peg),
             picture(shown.view.image, settings),
         ]
-    content.append("\n\n".join(filter(None, _sections(case, settings, verdict, analysis))))
+    sections = brief.sections if settings.brief else _sections
+    content.append(words.between.join(sections(case, settings, verdict, analysis)))
     if settings.picture:
         views = case.outcome.looks[-1].observation.views
         content += [
-            f"Picture taken after this {formation}:",
+            words.side.format(formation=formation),
             picture(views["side"].image, settings),
         ]
         if "front" in views:
-            content += ["The same from the front:", picture(views["front"].image, settings)]
+            content += [words.front, picture(views["front"].image, settings)]
     for number, probed in enumerate(case.probes, start=1):
         for name, view in probed.looks[-1].observation.views.items():
             content += [f"Probe {number}, {name} camera:", picture(view.image, settings)]
@@ -111,7 +146,7 @@ def situation(
             "The hole from above and aside, before the peg came down:",
             picture(above, settings),
         ]
-    content.append(f"Asked of you now: {asked} Give your answer in the required structure.")
+    content.append(words.asked.format(asked=asked))
     return content
 
 
@@ -169,7 +204,7 @@ def _goals(case: Case) -> str:
     for formation, axes in OWNED.items():
         goal, taught = (g.formations[formation] for g in (case.goals, case.teaching.goals))
         shift = {axis: goal[axis] - taught[axis] for axis in axes}
-        rows.append([formation, _mm(goal, axes), _mm(shift, axes)])
+        rows.append([formation, in_units(goal, axes), in_units(shift, axes)])
     told = 3 if case.method.follows_belief else 2
     return "## Current goals\n" + Table(head[:told], [row[:told] for row in rows]).markdown()
 
@@ -180,13 +215,13 @@ def _history(case: Case, settings: Settings) -> str:
         [
             str(e.index + 1),
             str(e.formation) + (" after a retreat" if e.outcome.step.retreat else ""),
-            _goal(e.outcome.step, case),
-            *_checks(e.evidence, settings, case).values(),
+            goal(e.outcome.step, case),
+            *of_checks(e.evidence, settings, case).values(),
             "success" if e.verdict.success else "failure",
         ]
         for e in told
     ]
-    names = _checks(told[0].evidence, settings, case)
+    names = of_checks(told[0].evidence, settings, case)
     table = Table(["no", "skill", "goal", *names, "judged"], rows).markdown()
     probes = [f"probe after no {e.index + 1}: {probed}" for e in told for probed in e.probes]
     return "\n".join(["## Earlier executions", table, *probes])
@@ -195,7 +230,7 @@ def _history(case: Case, settings: Settings) -> str:
 def _executed(case: Case, settings: Settings) -> str:
     outcome = case.outcome
     formation = outcome.step.formation
-    checks = _checks(case.evidence, settings, case)
+    checks = of_checks(case.evidence, settings, case)
     named = {axis for axes in case.method.plannable.values() for axis in axes}
     axes = [axis for axis in Axis if axis in named]
     ended = "ended by the compression limit" if outcome.stop is Stop.COMPRESSION else "ran its way"
@@ -203,17 +238,12 @@ def _executed(case: Case, settings: Settings) -> str:
         [
             f"## Executed last: no {len(case.history) + 1}, {formation}"
             + (" after a retreat" if outcome.step.retreat else ""),
-            f"goal: {_goal(outcome.step, case)}",
-            f"terminal pose: {_mm(outcome.pose, axes)}",
+            f"goal: {goal(outcome.step, case)}",
+            f"terminal pose: {in_units(outcome.pose, axes)}",
             f"skill: {ended}, peak_compression_mm {outcome.peak_compression_m * 1e3:.1f}",
-            *(f"{name}: {told}" for name, told in checks.items() if told != _NOT_MADE),
+            *(f"{name}: {told}" for name, told in checks.items() if told != NOT_MADE),
         ]
     )
-
-
-def _goal(step: Step, case: Case) -> str:
-    """A step's goal: its own axes, then the shifts that it has."""
-    return _mm(step.goal, [a for a in case.method.plannable[step.formation] if a in step.goal])
 
 
 def _measured(case: Case) -> str:
@@ -222,18 +252,18 @@ def _measured(case: Case) -> str:
     scene, belief = case.outcome.scene, case.belief
     if scene.peg is not None:
         lines.append(
-            f"peg: tip_y_mm {_tenths(scene.peg.tip_y.value * 1e3)},"
-            f" tip_z_mm {_tenths(scene.peg.tip_z.value * 1e3)},"
-            f" tilt_deg {_tenths(scene.peg.tilt_deg)} (positive: to the left)"
+            f"peg: tip_y_mm {tenths(scene.peg.tip_y.value * 1e3)},"
+            f" tip_z_mm {tenths(scene.peg.tip_z.value * 1e3)},"
+            f" tilt_deg {tenths(scene.peg.tilt_deg)} (positive: to the left)"
         )
     if belief.hole_y is not None:
-        lines.append(f"hole: y_mm {_tenths(belief.hole_y.value * 1e3)}")
+        lines.append(f"hole: y_mm {tenths(belief.hole_y.value * 1e3)}")
     if belief.grasp_roll is not None:
         angle = Axis.ROLL.to_report(belief.grasp_roll.value)
-        lines.append(f"peg's angle in the grasp: roll_deg {_tenths(angle)}")
+        lines.append(f"peg's angle in the grasp: roll_deg {tenths(angle)}")
     metric = case.evidence["metric"]
     if metric is not None:
-        lines.append(f"metric check: {_told(metric)}")
+        lines.append(f"metric check: {of_check(metric)}")
     return "\n".join([*lines, *scene.problems])
 
 
@@ -242,7 +272,7 @@ def _seen(case: Case) -> str:
     looks."""
     look, belief = case.outcome.looks[-1], case.belief
     scene, across = look.scene, look.scene.across
-    pressed = f"compression at rest: {_tenths(look.observation.compression_m * 1e3)} mm"
+    pressed = f"compression at rest: {tenths(look.observation.compression_m * 1e3)} mm"
     lines = ["## Measured after it", f"{len(case.outcome.motions)} motions; {pressed}"]
     if scene.peg is not None:
         tip_y, tip_z = scene.peg.tip_y, scene.peg.tip_z
@@ -292,41 +322,7 @@ def _disbelieved(scene: Scene, belief: Belief) -> list[str]:
 
 def _within(measured: Measured, axis: Axis = Axis.Y) -> str:
     """A value and its standard deviation in the axis's unit."""
-    return f"{_tenths(axis.to_report(measured.value))} ± {_tenths(axis.to_report(measured.sd))}"
-
-
-def _checks(evidence: Evidence, settings: Settings, case: Case) -> dict[str, str]:
-    """The checks' findings, by the name that the model reads: the paper's, and the metric one with
-    the measurements that the skills go by."""
-    measured = case.method.follows_belief and tells_measurements(settings, case)
-    shown = {
-        "pose_check": ("pose", settings.pose_check),
-        "compression_check": ("compression", True),
-        "table_i": ("table_i", settings.table_i),
-        "metric_check": ("metric", measured),
-    }
-    told = {label: _told(evidence[name]) for label, (name, on) in shown.items() if on}
-    implausible = evidence["plausible"]
-    if measured and implausible is not None:
-        told["plausibility"] = _told(implausible)
-    return told
-
-
-def _told(check: Check | None) -> str:
-    if check is None:
-        return _NOT_MADE
-    vote = {True: "success", False: "failure", None: "not available"}[check.vote]
-    return vote if check.message == vote else f"{vote} ({check.message})"
-
-
-def _mm(values: Pose | Partial, axes: Iterable[Axis]) -> str:
-    """Values with the unit in the name: "y_mm -35.2, roll_deg 10.0"."""
-    return ", ".join(f"{a}_{a.report_unit} {_tenths(a.to_report(values[a]))}" for a in axes)
-
-
-def _tenths(value: float) -> str:
-    """Write a value to a tenth; nothing below zero is written "-0.0"."""
-    return f"{round(value, 1) + 0.0:.1f}"
+    return f"{tenths(axis.to_report(measured.value))} ± {tenths(axis.to_report(measured.sd))}"
 
 
 def shown(picture: BinaryContent) -> NDArray[np.uint8]:

@@ -30,6 +30,7 @@ from pliant.reasoners.vlm.replies import (
 )
 from pliant.reasoners.vlm.settings import Decider, Plans, Settings
 from pliant.reasoners.vlm.tape import Tape
+from pliant.reasoners.vlm.telling import tells_measurements
 from pliant.reasoners.vlm.wire import Budget, Wire
 from pliant.records import Case, Exchange, FailureAnalysis, Probe, Recovery, Verdict
 
@@ -180,13 +181,6 @@ class Vlm:
             return replace(proposed, exchanges=exchanges)
         return self._instead(case, verdict, proposed, answer.problem, exchanges)
 
-    def _told(self, case: Case, verdict: Verdict) -> Verdict:
-        """The verdict as the model is told it. The words of another judge hold measurements and
-        Table I, which a model that is not told them would learn that way."""
-        if verdict.by == self.name or prompt.tells_measurements(self.settings, case):
-            return verdict
-        return replace(verdict, reason=f"judged by {verdict.by}", conflict=None)
-
     def _instead(
         self,
         case: Case,
@@ -246,7 +240,9 @@ class Vlm:
                 case,
                 self.settings,
                 asked=prompt.ASKED[asked or stage],
-                verdict=None if verdict is None else self._told(case, verdict),
+                verdict=None
+                if verdict is None
+                else as_told(verdict, case, self.settings, self.name),
                 **shown,
             ),
             reply=reply,
@@ -278,6 +274,14 @@ def _plan(case: Case, settings: Settings) -> type[BaseModel]:
     if settings.plan is Plans.ABSOLUTE:
         return absolute_plan(case.method)
     return bounded_plan(settings.step_limit_mm, case.method)
+
+
+def as_told(verdict: Verdict, case: Case, settings: Settings, name: str) -> Verdict:
+    """The verdict as the model of this name is told it. The words of another judge hold
+    measurements and Table I, which a model that is not told them would learn that way."""
+    if verdict.by == name or tells_measurements(settings, case):
+        return verdict
+    return replace(verdict, reason=f"judged by {verdict.by}", conflict=None)
 
 
 def unasked(case: Case) -> Verdict | None:
