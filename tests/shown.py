@@ -615,6 +615,14 @@ PAGES: Mapping[str, Page] = {
     ),
     "docs/vlm.md": Page(
         blocks={
+            "make dist": NotRun(because="tools/smoke_wheel.sh does the same elsewhere"),
+            "pip install --find-links dist 'pliant[local]'": NotRun(
+                because="brings an extra: tools/smoke_extras.sh does"
+            ),
+            "pliant run --reasoner vlm": Elsewhere(
+                test="test_vlm_local.py", word='"run", "--reasoner", "vlm"'
+            ),
+            "pliant serve-model": Elsewhere(test="test_vlm_local.py", word='"serve-model"'),
             "pip install '.[vlm]'": NotRun(because="brings an extra: tools/smoke_extras.sh does"),
             "export OPENAI_API_KEY=…": HOSTED,
             "pliant run --reasoner vlm --model openai:gpt-4o": HOSTED,

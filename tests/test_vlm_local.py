@@ -113,6 +113,7 @@ def test_what_is_given_wins_over_what_it_brings_and_that_over_a_preset() -> None
     in_a_file = settings_of(vlm={"brief": False, "preset": "paper", "history": 0})
     assert brought(in_a_file) == (Output.NATIVE, 384, False, 0)
     hosted = settings_of("--preset", "paper", vlm={"model": "openai:gpt-4o"})
+    assert settings_of("--history", "5", vlm={"history": 0}).history == 5
     assert (hosted.history, hosted.output_mode) == (0, Output.TOOL)
 
 

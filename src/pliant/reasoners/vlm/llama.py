@@ -32,7 +32,8 @@ def serve(model: str, projector: str, name: str, port: int) -> None:
     params.n_threads_http = CONVERSATIONS
     params.verbosity = _LOG_ERRORS
     server = xllamacpp.Server(params)  # returns when all is loaded
-    print(server.listening_address, flush=True)
+    sys.stdout.write(f"{server.listening_address}\n")
+    sys.stdout.flush()
     sys.stdin.read()
     os._exit(0)  # whatever it is doing
 
