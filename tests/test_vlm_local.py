@@ -288,7 +288,8 @@ def test_a_server_that_ends_by_itself_is_one_line(chosen: Settings) -> None:
     server = local._own  # noqa: SLF001, nobody else can end it
     assert server is not None
     server._process.kill()  # noqa: SLF001
-    assert ends(url)
+    server._process.wait()  # noqa: SLF001
+    assert not answers(url)
     with pytest.raises(InputError, match="ended by itself"):
         local.base_url(chosen)
 

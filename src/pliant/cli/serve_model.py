@@ -32,12 +32,12 @@ def serve_model(
     else:
         served = local.tuned(located(weights), located(projector))
     with suppress(KeyboardInterrupt), local.serving(served, port) as server:
-        say(server.base_url)
         Console(stderr=True, highlight=False, soft_wrap=True).print(
             Text(
-                f"serving until Ctrl-C; to ask it: pliant run --reasoner vlm --base-url"
+                "serving until Ctrl-C; to ask it: pliant run --reasoner vlm --base-url"
                 f" {server.base_url} --model {served.name}"
             )
         )
+        say(server.base_url)
         server.wait()
     return 0
