@@ -13,7 +13,9 @@ from urllib.request import urlopen
 
 import pytest
 import tyro
+from documents import ROOT
 from local_model import NAME, weights_in
+from pydantic_ai.messages import ModelResponse, TextPart
 
 from pliant.cli import main
 from pliant.cli.model import ModelOptions
@@ -25,6 +27,7 @@ from pliant.reasoners import vlm
 from pliant.reasoners.vlm import local
 from pliant.reasoners.vlm.models import model_of
 from pliant.reasoners.vlm.settings import SHIPPED, Output, Plans, Settings, from_fields
+from pliant.reasoners.vlm.tape import Recorder, Reply, Request
 
 pytest_plugins = ["local_model"]
 
@@ -44,9 +47,7 @@ def planned(*words: str, **fields: object) -> Experiment:
     """What `pliant experiment` plans of these options beside a file's fields."""
     given = {"pegs": "circle", "conditions": "none", "reasoners": "vlm", "trials": 1}
     options = tyro.cli(ModelOptions, args=words)
-    return plan.from_fields(
-        {**given, **fields}, {"vlm": options.given}, replayed=options.replay is not None
-    )
+    return plan.from_fields({**given, **fields}, {"vlm": options.given}, unnamed=options.unnamed)
 
 
 def settings_of(*words: str, **fields: object) -> Settings:
@@ -90,11 +91,25 @@ def test_another_model_gets_nothing_of_what_it_brings(words: tuple[str, ...]) ->
     assert (settings.picture_px, settings.brief, settings.history) == (None, False, 5)
 
 
-def test_a_recording_is_of_any_model_and_one_that_is_named_is_that() -> None:
-    assert settings_of("--replay", "talk.jsonl").model is None
-    assert not settings_of("--replay", "talk.jsonl").brief
-    assert settings_of("--replay", "talk.jsonl", "--model", "local").brief
-    assert tyro.cli(ModelOptions, args=["--replay", "talk.jsonl"]).settings.model is None
+@pytest.mark.parametrize("name", [SHIPPED, "local:mine"])
+def test_what_the_model_said_is_replayed_without_naming_it(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "talks"
+    for tape in (tmp_path / "talk.jsonl", folder / "L0-circle-all-vlm-1.jsonl"):
+        said = ModelResponse(parts=[TextPart("yes")], model_name=name)
+        reply = Reply(message=said, error="", latency_s=0.0)
+        Recorder(tape).keep(Request(words={}, pictures=()), reply)
+    for given in (tmp_path / "talk.jsonl", folder):
+        settings = settings_of("--replay", str(given))
+        assert settings == tyro.cli(ModelOptions, args=["--replay", str(given)]).settings
+        assert settings.name == name
+        assert brought(settings) == BROUGHT
+
+
+def test_a_recording_of_another_model_brings_nothing() -> None:
+    stored = str(ROOT / "tests" / "recordings" / "circle-all-6.jsonl")
+    assert settings_of("--replay", stored).model is None
+    assert not settings_of("--replay", stored).brief
+    assert settings_of("--replay", stored, "--model", "local").brief
 
 
 def test_served_elsewhere_under_its_name_it_brings_the_same() -> None:

@@ -115,13 +115,13 @@ def experiment(
             file,
             overrides,
             agree=partial(_agree, console=console, trust=trust, model=model),
-            replayed=model.replay is not None,
+            unnamed=model.unnamed,
         )
     else:
         default = {"conditions": ["all"], "reasoners": ["rules"]}
         if level in (None, "L0"):
             default["pegs"] = ["circle"]
-        planned = plan.from_fields(default, overrides, replayed=model.replay is not None)
+        planned = plan.from_fields(default, overrides, unnamed=model.unnamed)
     planned = replace(planned, where=where_trials_are(cell))
     is_simulated = planned.where.is_simulated
     if not is_simulated and (workers, ray) != (None, None):

@@ -11,8 +11,8 @@ from pliant import usage
 from pliant.errors import InputError
 from pliant.experiment.cells import Experiment
 from pliant.paths import located
-from pliant.reasoners import refuse_silent
-from pliant.reasoners.vlm.settings import Settings, from_fields
+from pliant.reasoners import recorded_model, refuse_silent
+from pliant.reasoners.vlm.settings import LOCAL, Settings, from_fields
 
 GROUPS = {
     "the model behind the reasoner vlm": (
@@ -69,15 +69,27 @@ class ModelOptions:
         return {"preset": self.preset, **self.vlm} if self.preset else dict(self.vlm)
 
     @property
-    def settings(self) -> Settings:
-        """The settings of a model that no experiment file names. One whose replies are recorded
-        need not be named.
+    def unnamed(self) -> str | None:
+        """The model where none is named: the one that comes with pliant; with recorded replies one
+        of pliant's own that gave them, or None for any.
 
         Raises:
-            InputError: a value is not valid.
+            InputError: the recording cannot be used.
         """
-        unnamed = {"model": None} if self.replay is not None else {}
-        return from_fields({**unnamed, **self.given})
+        if self.replay is None:
+            return LOCAL
+        recordings = sorted(self.replay.glob("*.jsonl")) if self.replay.is_dir() else [self.replay]
+        return recorded_model(recordings[0]) if recordings else None
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of a model that no experiment file names.
+
+        Raises:
+            InputError: a value is not valid, or the recording cannot be used.
+        """
+        recorded = {} if self.replay is None else {"model": self.unnamed}
+        return from_fields({**recorded, **self.given})
 
     def placed(self) -> "ModelOptions":
         """The same options with absolute paths: a reasoner of one's own may change the current

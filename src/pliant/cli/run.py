@@ -101,7 +101,7 @@ def run(
         "goals": None if goals is None else str(goals),
         "vlm": model.given,
     }
-    planned = plan.from_fields(fields, replayed=model.replay is not None)
+    planned = plan.from_fields(fields, unnamed=model.unnamed)
     experiment = replace(planned, where=where_trials_are(cell))
     is_simulated = experiment.where.is_simulated
     if live and not is_simulated:

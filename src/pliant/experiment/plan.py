@@ -32,7 +32,7 @@ from pliant.own import located_own, own_file
 from pliant.paths import located
 from pliant.reasoners import REASONERS, VLM, reasoner
 from pliant.reasoners.vlm import settings as vlm_settings
-from pliant.reasoners.vlm.settings import SHIPPED, Settings, located_model
+from pliant.reasoners.vlm.settings import LOCAL, SHIPPED, Settings, located_model
 from pliant.task import load_task, located_peg
 
 T = TypeVar("T")
@@ -47,12 +47,12 @@ def load(
     overrides: Mapping[str, Any] | None = None,
     *,
     agree: Agree = refuse,
-    replayed: bool = False,
+    unnamed: str | None = LOCAL,
 ) -> Experiment:
     """Read an experiment file. `overrides` replace its fields of the same name; pegs, conditions
     and reasoners replace those of every listed cell too. Where the file itself names code or a
     model, `agree` is told before any of that code is run, and raises what it does not agree to; by
-    default all of it. Where replies are `replayed`, a model that is not named is any.
+    default all of it. `unnamed` is the model where none is named; None: replies are recorded.
 
     Raises:
         InputError: the file cannot be read, a field, a name or a value in it is not valid, or what
@@ -60,7 +60,7 @@ def load(
     """
     document = files.read_yaml(located(path), "experiment file", f"fields are {', '.join(_FIELDS)}")
     with document.at(()):
-        return _planned(document.fields(), overrides, located(path).parent, agree, replayed)
+        return _planned(document.fields(), overrides, located(path).parent, agree, unnamed)
 
 
 def from_fields(
@@ -68,7 +68,7 @@ def from_fields(
     overrides: Mapping[str, Any] | None = None,
     folder: Path | None = None,
     *,
-    replayed: bool = False,
+    unnamed: str | None = LOCAL,
 ) -> Experiment:
     """Build an experiment from the fields of an experiment file. Relative paths in `fields` count
     from `folder`, or without it from the current folder, as those in `overrides` do.
@@ -76,13 +76,13 @@ def from_fields(
     Cells are the cross product of `pegs`, `conditions` and `reasoners`, then those under `cells`;
     a cell that occurs twice counts once. A condition is a name or a mapping with a name and ranges;
     a reasoner is a name, or a mapping with a name and settings of the VLM. Code that it names is
-    run: whoever calls this has chosen it. Where replies are `replayed`, a model that is not named
-    is any, else the one that comes with pliant.
+    run: whoever calls this has chosen it. `unnamed` is the model where none is named; None: replies
+    are recorded.
 
     Raises:
         InputError: a field, a name or a value is not valid.
     """
-    return _planned(fields, overrides, folder, lambda named: None, replayed)
+    return _planned(fields, overrides, folder, lambda named: None, unnamed)
 
 
 def _planned(
@@ -90,7 +90,7 @@ def _planned(
     overrides: Mapping[str, Any] | None,
     folder: Path | None,
     agree: Agree,
-    replayed: bool,
+    unnamed: str | None,
 ) -> Experiment:
     given = dict(fields)
     replaced = {k: v for k, v in (overrides or {}).items() if v is not None}
@@ -110,8 +110,8 @@ def _planned(
         block.update({k: _Given(v) for k, v in replaced.items() if k in ("level", "method")})
     asked = {k: _Given(v, ("vlm", k)) for k, v in _settings(given).items()}
     asked |= {k: _Given(v) for k, v in _settings(replaced).items()}
-    if replayed:
-        asked.setdefault("model", _Given(None))
+    if unnamed != LOCAL:
+        asked.setdefault("model", _Given(unnamed))
     cells: list[Spec] = []
     for place, block in blocks:
         cells += [cell for cell in _cells(place, block, asked) if cell not in cells]

@@ -10,7 +10,7 @@ from pliant.own import make_own, own_file
 from pliant.reasoners.controls import Messages, OpenLoop, Retry, Sweep
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import local
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.settings import Settings, is_pliants
 from pliant.recovery import Reasoner
 
 if TYPE_CHECKING:
@@ -79,6 +79,19 @@ def vlm(
     asked = model_of(settings)
     kept = Tape() if record is None else Recorder(record)
     return Vlm(settings=settings, limits=limits, name=name, tape=kept, asked=asked)
+
+
+def recorded_model(recording: Path) -> str | None:
+    """The model that replied in a recording, where it is one of pliant's own; None: it is another.
+
+    Raises:
+        InputError: the extra is not installed, or the recording cannot be used.
+    """
+    needs_extra()
+    from pliant.reasoners.vlm.tape import Replayer
+
+    found = Replayer(recording).model
+    return found if is_pliants(found) else None
 
 
 def first_answer(settings: Settings) -> "ModelAnswer[Seen] | None":

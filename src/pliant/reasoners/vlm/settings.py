@@ -169,7 +169,7 @@ class Settings:
     @property
     def is_local(self) -> bool:
         """Whether pliant serves the model itself."""
-        return self.base_url is None and _is_pliants(self.model)
+        return self.base_url is None and is_pliants(self.model)
 
     @property
     def is_hosted(self) -> bool:
@@ -236,7 +236,7 @@ def from_fields(given: Mapping[str, Any]) -> Settings:
         given["model"] = located_model(given.get("model", LOCAL))
         if given["model"] == LOCAL:
             given["model"] = SHIPPED
-    brought = BROUGHT if _is_pliants(given.get("model")) else {}
+    brought = BROUGHT if is_pliants(given.get("model")) else {}
     given = {**PRESETS.get(preset, {}), **brought, **given}
     names = [f.name for f in fields(Settings)]
     for name in given:
@@ -264,7 +264,7 @@ def located_model(name: Any, folder: Path | None = None) -> Any:
     return f"{_TUNED}{located(name.removeprefix(_TUNED), folder)}"
 
 
-def _is_pliants(model: object) -> bool:
+def is_pliants(model: object) -> bool:
     """Whether a model, served by whomever, is the one that comes with pliant, or tuned from it."""
     return isinstance(model, str) and (model in (LOCAL, SHIPPED) or model.startswith(_TUNED))
 
