@@ -1,6 +1,7 @@
 """A VLM as the reasoner, from Python: who decided, what it said, and what it took.
 
 python examples/14_a_vlm.py                                  # a stored conversation: asks nobody
+python examples/14_a_vlm.py local                            # the model that comes with pliant
 python examples/14_a_vlm.py openai:gpt-4o                    # with OPENAI_API_KEY set
 python examples/14_a_vlm.py NAME http://localhost:8000/v1    # a server of your own
 """
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from pliant.conditions import condition
 from pliant.experiment.one import Spec, perform
-from pliant.reasoners.vlm.settings import Settings
+from pliant.reasoners.vlm.settings import Settings, from_fields
 from pliant.sim.cell import SimCell
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -20,7 +21,8 @@ AS_STORED = Settings(model="scripted", deadline_s=60, picture=False, table_i=Fal
 
 
 def main(model: str | None = None, base_url: str | None = None) -> None:
-    settings = AS_STORED if model is None else Settings(model=model, base_url=base_url)
+    asked = {"model": model, "base_url": base_url}
+    settings = AS_STORED if model is None else from_fields(asked)
     spec = Spec(
         task=load_task("circle"),
         condition=condition("all"),
