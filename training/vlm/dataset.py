@@ -1,0 +1,307 @@
+"""Recorded decisions as tokens with weights, and their pictures, ready to be trained on."""
+
+import gzip
+import json
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import rendering
+import tokenizer as words
+import torch
+from model import Size, Tower
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from pliant.formations import Formation
+from pliant.task import load_task
+from pliant.teaching import shipped
+
+VERSIONS = 4  # of a decision's text
+TARGETS = 6  # that are true of a picture: see draw.geometry
+UNITS = (10.0, 10.0, 5.0, 10.0, 10.0, 5.0)  # [mm or degrees] that the targets are divided by
+HELD_OUT = 20  # every so manieth file of ten trials is for validation
+_WEIGHTS = {
+    "success": 6.0,
+    "picture": 4.0,
+    "resume_from": 4.0,
+    "retreat_first": 3.0,
+    "wrong_goal": 3.0,
+    "skill": 3.0,
+    "steps": 3.0,
+    "goal_mm": 2.0,
+    "bottom_left_corner": 2.0,
+    "bottom_right_corner": 2.0,
+    "conflict": 0.5,
+    "why": 0.15,  # friction and such cannot be seen
+}  # of a reply's fields; of others 1
+_CHANGE = 2.5  # of a change of a goal
+_FIELD = re.compile(r'"([a-z_]+)":')
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Asked:
+    """A decision: in each version its tokens with their weights, and the pictures that it is shown,
+    as `record.py` names them. `vote` is the place in version 0 of the model's own vote on the
+    picture, None where it is not asked for one; `misleads`: the text alone says the opposite of
+    the truth."""
+
+    seed: int
+    execution: int
+    versions: tuple[tuple[NDArray[np.int32], NDArray[np.float16]], ...] = field(repr=False)
+    pictures: tuple[tuple[Any, ...], ...]
+    stage: str
+    success: bool
+    shown: str
+    held: tuple[str, ...]
+    vote: int | None
+    misleads: bool
+
+    @property
+    def length(self) -> int:
+        """The tokens of its longest version."""
+        return max(len(tokens) for tokens, _ in self.versions)
+
+
+def read(
+    folder: Path, tokenizer: Path, size: Size, *, files: int, processes: int
+) -> list[list[Asked]]:
+    """The decisions of each file, in order."""
+    paths = sorted(folder.glob("*.jsonl.gz"))[:files]
+    with ProcessPoolExecutor(processes) as pool:
+        return list(pool.map(_read, paths, [tokenizer] * len(paths), [size] * len(paths)))
+
+
+def _read(path: Path, tokenizer: Path, size: Size) -> list[Asked]:
+    cut = words.load(tokenizer)
+    found = []
+    with gzip.open(path, "rt", encoding="utf-8") as file:
+        for trial in map(json.loads, file):
+            draw = np.random.default_rng([trial["seed"], 3])
+            for decision in trial["decisions"]:
+                rendered = [
+                    (
+                        cut.encode(rendering.prompt(decision, draw, size.picture_tokens)).ids,
+                        rendering.reply(decision, plain=version % 2 == 1),
+                    )
+                    for version in range(VERSIONS)
+                ]
+                told = [(before, cut.encode(reply), reply) for before, reply in rendered]
+                vote = None
+                if decision["stage"] == "judge":
+                    before, after, reply = told[0]
+                    place = reply.index('"picture":"') + len('"picture":"')
+                    vote = len(before) + next(
+                        n for n, (start, end) in enumerate(after.offsets) if start <= place < end
+                    )
+                asked = Asked(
+                    seed=trial["seed"],
+                    execution=decision["execution"],
+                    versions=tuple(
+                        (
+                            np.array(before + after.ids, np.int32),
+                            np.array(
+                                [0.0] * len(before) + _weights(reply, after.offsets), np.float16
+                            ),
+                        )
+                        for before, after, reply in told
+                    ),
+                    pictures=tuple(tuple(p) for p in decision["pictures"]),
+                    stage=decision["stage"],
+                    success=decision["success"],
+                    shown=decision["shown"],
+                    held=tuple(decision["held"]),
+                    vote=vote,
+                    misleads=decision["success"] != _text_says(decision),
+                )
+                if asked.length <= size.context:
+                    found.append(asked)
+    return found
+
+
+def _weights(reply: str, offsets: Sequence[tuple[int, int]]) -> list[float]:
+    """The weight of each token of a reply: that of the field in which it begins."""
+    marks = [(0, 1.0)]
+    for found in _FIELD.finditer(reply):
+        name = found[1]
+        other = _CHANGE if name.endswith(("_mm", "_deg")) else 1.0
+        marks.append((found.end(), _WEIGHTS.get(name, other)))
+    weights, k = [], 0
+    for start, _ in offsets:
+        while k + 1 < len(marks) and marks[k + 1][0] <= start:
+            k += 1
+        weights.append(marks[k][1])
+    return weights
+
+
+def _text_says(decision: dict[str, Any]) -> bool:
+    """What the checks say together: success, where none says failure."""
+    now = "\n".join(decision["user"]).partition("Now: ")[2].partition("\n")[0]
+    return " failure" not in now
+
+
+def goal_pictures(pegs: Sequence[str], size: Size) -> list[NDArray[np.uint8]]:
+    """The goal picture of Insertion for each peg (3, height, width), as pliant shows it."""
+    found = []
+    for peg in pegs:
+        shown = shipped().for_task(load_task(peg, "L0")).demonstrations[Formation.INSERTION]
+        wanted = (size.picture_width, size.picture_height)
+        small = cv2.resize(shown.view.image, wanted, interpolation=cv2.INTER_AREA)
+        found.append(small.astype(np.uint8).transpose(2, 0, 1))
+    return found
+
+
+class Pictures:
+    """All pictures on the device: those drawn, then a black one, then the pegs' goal pictures."""
+
+    def __init__(self, folder: Path, pegs: Sequence[str], size: Size, device: str) -> None:
+        shape = (3, size.picture_height, size.picture_width)
+        self.looks: dict[tuple[int, int, str], list[int]] = {}
+        true: list[list[float]] = []
+        front: list[bool] = []
+        there: list[bool] = []
+        parts = []
+        for path in sorted(folder.glob("index-*.json")):
+            index = json.loads(path.read_text(encoding="utf-8"))
+            raw = np.memmap(path.with_name(f"pictures-{path.stem[6:]}.raw"), np.uint8, "r")
+            parts.append(raw.reshape(-1, *shape))
+            for entry in index:
+                key = (entry["seed"], entry["look"], entry["camera"])
+                self.looks.setdefault(key, []).append(len(true))
+                true.append(entry["true"])
+                front.append(entry["camera"] == "front")
+                there.append(entry["peg"])
+        self.drawn, self.black = len(true), len(true)
+        self.goals = {peg: self.black + 1 + n for n, peg in enumerate(pegs)}
+        extra = np.stack([np.zeros(shape, np.uint8), *goal_pictures(pegs, size)])
+        self.pixels = torch.empty(
+            (self.drawn + len(extra), *shape), dtype=torch.uint8, device=device
+        )
+        at = 0
+        for part in [*parts, extra]:
+            for k in range(0, len(part), 1024):
+                some = torch.from_numpy(np.array(part[k : k + 1024]))
+                self.pixels[at : at + len(some)] = some.to(device)
+                at += len(some)
+        self.true = torch.tensor(true, device=device) / torch.tensor(UNITS, device=device)
+        self.front = torch.tensor(front, device=device)
+        self.there = torch.tensor(there, device=device)
+        self.features: Tensor | None = None  # of a tower that is not trained any more
+
+    def normal(self, rows: Tensor, *, vary: bool) -> Tensor:
+        """Pixels from -1 to 1; `vary`: brighter or darker, with more or less contrast and noise."""
+        x = self.pixels[rows].float().div_(127.5).sub_(1.0)
+        if vary:
+            one = (len(x), 1, 1, 1)
+            x = x * (1 + 0.15 * torch.randn(one, device=x.device)).clamp(0.6, 1.4)
+            x = x + 0.08 * torch.randn(one, device=x.device)
+            x = x + 0.02 * torch.rand(one, device=x.device) * torch.randn_like(x)
+        return x.clamp_(-1, 1)
+
+    def seen(self, tower: Tower, rows: Tensor, *, vary: bool) -> Tensor:
+        """The tower's features of some pictures: as they were kept, or made now."""
+        if self.features is not None:
+            return self.features[rows].float()
+        return tower.features(self.normal(rows, vary=vary))
+
+    @torch.no_grad()
+    def freeze(self, tower: Tower) -> None:
+        """Make and keep the features of all pictures."""
+        rows = torch.arange(len(self.pixels), device=self.pixels.device).split(128)
+        self.features = torch.cat([tower.features(self.normal(r, vary=False)).half() for r in rows])
+
+    def geometry_loss(self, said: Tensor, rows: Tensor) -> Tensor:
+        """How far what the heads say (n, 2, TARGETS) of some pictures is from the truth."""
+        at = rows.clamp(max=self.drawn - 1)
+        keep = (rows < self.drawn) & self.there[at]
+        of = torch.where(self.front[at][:, None], said[:, 1], said[:, 0]).float()
+        off = functional.smooth_l1_loss(of, self.true[at], reduction="none", beta=0.1)
+        return (off * keep[:, None]).sum() / keep.sum().clamp(min=1) / TARGETS
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Batch:
+    """Decisions with their tokens and weights (n, t), and the rows of the pictures that they are
+    shown, each once; `order` names those of all places in turn."""
+
+    asked: list[Asked]
+    tokens: NDArray[np.int64]
+    weights: NDArray[np.float32]
+    rows: NDArray[np.int64]
+    order: NDArray[np.int64]
+
+
+class Batches:
+    """Batches of decisions of like length; those of one execution share its pictures."""
+
+    def __init__(
+        self, asked: Sequence[Asked], pictures: Pictures, *, tokens: int, seed: int
+    ) -> None:
+        groups: dict[tuple[int, int], list[Asked]] = {}
+        for one in asked:
+            groups.setdefault((one.seed, one.execution), []).append(one)
+        self.groups = list(groups.values())
+        self._pictures, self._tokens = pictures, tokens
+        self._draw = np.random.default_rng(seed)
+        self._longest = np.array([max(a.length for a in group) for group in self.groups])
+
+    def __iter__(self) -> Iterator[Batch]:
+        """Without end, in another order each time."""
+        while True:
+            noisy = self._longest + self._draw.uniform(0, 80, len(self.groups))
+            batches: list[list[int]] = [[]]
+            for g in np.argsort(noisy):
+                now = [*batches[-1], int(g)]
+                count = sum(len(self.groups[k]) for k in now)
+                if len(now) > 1 and count * _round(max(self._longest[now])) > self._tokens:
+                    batches.append([int(g)])
+                else:
+                    batches[-1] = now
+            for k in self._draw.permutation(len(batches)):
+                yield self.made([self.groups[g] for g in batches[k]])
+
+    def in_turn(self, groups: int) -> Iterator[Batch]:
+        """All of them once, in version 0 and with the pictures as they were."""
+        for k in range(0, len(self.groups), groups):
+            yield self.made(self.groups[k : k + groups], vary=False)
+
+    def made(self, groups: Sequence[Sequence[Asked]], *, vary: bool = True) -> Batch:
+        asked, looks, told = [], [], []
+        for group in groups:
+            dressed = float(self._draw.uniform()) if vary else 0.0
+            for one in group:
+                asked.append(one)
+                looks += [self._row(one, picture, dressed) for picture in one.pictures]
+                told.append(one.versions[int(self._draw.integers(VERSIONS)) if vary else 0])
+        wide = _round(max(len(t) for t, _ in told))
+        tokens = np.zeros((len(told), wide), np.int64)
+        weights = np.zeros((len(told), wide), np.float32)
+        for k, (t, w) in enumerate(told):
+            tokens[k, : len(t)], weights[k, : len(w)] = t, w
+        rows, order = np.unique(np.array(looks, np.int64), return_inverse=True)
+        return Batch(asked=asked, tokens=tokens, weights=weights, rows=rows, order=order)
+
+    def _row(self, one: Asked, picture: tuple[Any, ...], dressed: float) -> int:
+        """A picture's row; as it was if `dressed` < 0.5, else one of the other variants."""
+        pictures = self._pictures
+        match picture:
+            case ["goal", peg]:
+                return pictures.goals[peg]
+            case ["look", look, camera]:
+                rows = pictures.looks.get((one.seed, look, camera))
+                if rows is None:  # it was not drawn in time
+                    return pictures.black
+                k = 0 if dressed < 0.5 else 1 + int((dressed - 0.5) * 2 * (len(rows) - 1))
+                return rows[min(k, len(rows) - 1)]
+            case _:
+                return pictures.black
+
+
+def _round(length: int) -> int:
+    return -(-int(length) // 32) * 32
