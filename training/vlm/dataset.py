@@ -16,9 +16,11 @@ import tokenizer as words
 import torch
 from model import Size, Tower
 from numpy.typing import NDArray
+from tokenizers import Tokenizer
 from torch import Tensor
 from torch.nn import functional
 
+from pliant import pictures
 from pliant.formations import Formation
 from pliant.task import load_task
 from pliant.teaching import shipped
@@ -72,10 +74,35 @@ class Asked:
 def read(
     folder: Path, tokenizer: Path, size: Size, *, files: int, processes: int
 ) -> list[list[Asked]]:
-    """The decisions of each file, in order."""
+    """The decisions of each file, in order: as `record.py` writes them."""
     paths = sorted(folder.glob("*.jsonl.gz"))[:files]
     with ProcessPoolExecutor(processes) as pool:
         return list(pool.map(_read, paths, [tokenizer] * len(paths), [size] * len(paths)))
+
+
+def read_chat(folder: Path, split: str, tokenizer: Path, size: Size) -> list[Asked]:
+    """The conversations of a split, train or test, of what `pliant export --chat` writes."""
+    cut = words.load(tokenizer)
+    lines = (folder / f"{split}.jsonl").read_text(encoding="utf-8").splitlines()
+    found = []
+    for line in map(json.loads, lines):
+        system, user, assistant = (message["content"] for message in line["messages"])
+        reply = assistant[0]["text"]
+        decision = {
+            "stage": line["stage"],
+            "execution": line["execution"],
+            "success": line["kind"] == "success",
+            "shown": "look",
+            "tool": False,
+            "system": system[0]["text"],
+            "user": [part.get("text", "<image>") for part in user],
+            "pictures": [["file", str(folder / name)] for name in line["images"]],
+            "reply": reply,
+            "plain": reply,
+            "held": [],
+        }
+        found.append(_asked(line["seed"], decision, cut, size, np.random.default_rng(line["seed"])))
+    return [asked for asked in found if asked.length <= size.context]
 
 
 def _read(path: Path, tokenizer: Path, size: Size) -> list[Asked]:
@@ -85,44 +112,56 @@ def _read(path: Path, tokenizer: Path, size: Size) -> list[Asked]:
         for trial in map(json.loads, file):
             draw = np.random.default_rng([trial["seed"], 3])
             for decision in trial["decisions"]:
-                rendered = [
-                    (
-                        cut.encode(rendering.prompt(decision, draw, size.picture_tokens)).ids,
-                        rendering.reply(decision, plain=version % 2 == 1),
-                    )
-                    for version in range(VERSIONS)
-                ]
-                told = [(before, cut.encode(reply), reply) for before, reply in rendered]
-                vote = None
-                if decision["stage"] == "judge":
-                    before, after, reply = told[0]
-                    place = reply.index('"picture":"') + len('"picture":"')
-                    vote = len(before) + next(
-                        n for n, (start, end) in enumerate(after.offsets) if start <= place < end
-                    )
-                asked = Asked(
-                    seed=trial["seed"],
-                    execution=decision["execution"],
-                    versions=tuple(
-                        (
-                            np.array(before + after.ids, np.int32),
-                            np.array(
-                                [0.0] * len(before) + _weights(reply, after.offsets), np.float16
-                            ),
-                        )
-                        for before, after, reply in told
-                    ),
-                    pictures=tuple(tuple(p) for p in decision["pictures"]),
-                    stage=decision["stage"],
-                    success=decision["success"],
-                    shown=decision["shown"],
-                    held=tuple(decision["held"]),
-                    vote=vote,
-                    misleads=decision["success"] != _text_says(decision),
-                )
+                if _is_a_guess(trial, decision):
+                    continue
+                asked = _asked(trial["seed"], decision, cut, size, draw)
                 if asked.length <= size.context:
                     found.append(asked)
     return found
+
+
+def _asked(
+    seed: int, decision: dict[str, Any], cut: Tokenizer, size: Size, draw: np.random.Generator
+) -> Asked:
+    told = []
+    for version in range(VERSIONS):
+        before = cut.encode(rendering.prompt(decision, draw, size.picture_tokens)).ids
+        reply = rendering.reply(decision, plain=version % 2 == 1)
+        told.append((before, cut.encode(reply), reply))
+    vote = None
+    if decision["stage"] == "judge":
+        before, after, reply = told[0]
+        place = reply.index('"picture":"') + len('"picture":"')
+        vote = len(before) + next(
+            n for n, (start, end) in enumerate(after.offsets) if start <= place < end
+        )
+    return Asked(
+        seed=seed,
+        execution=decision["execution"],
+        versions=tuple(
+            (
+                np.array(before + after.ids, np.int32),
+                np.array([0.0] * len(before) + _weights(reply, after.offsets), np.float16),
+            )
+            for before, after, reply in told
+        ),
+        pictures=tuple(tuple(p) for p in decision["pictures"]),
+        stage=decision["stage"],
+        success=decision["success"],
+        shown=decision["shown"],
+        held=tuple(decision["held"]),
+        vote=vote,
+        misleads=decision["success"] != _text_says(decision),
+    )
+
+
+def _is_a_guess(trial: dict[str, Any], decision: dict[str, Any]) -> bool:
+    """Whether it was right to stop for a reason that neither the picture nor any earlier execution
+    that is told can show."""
+    stops = '"steps":[]' in decision["plain"] or '"resume_from":"stop"' in decision["plain"]
+    stops = stops or "no motion can help" in decision["plain"]
+    is_told = any("Before: " in part or "plausible" in part for part in decision["user"])
+    return stops and trial["scenario"] != "no_peg" and not is_told
 
 
 def _weights(reply: str, offsets: Sequence[tuple[int, int]]) -> list[float]:
@@ -151,23 +190,36 @@ def goal_pictures(pegs: Sequence[str], size: Size) -> list[NDArray[np.uint8]]:
     found = []
     for peg in pegs:
         shown = shipped().for_task(load_task(peg, "L0")).demonstrations[Formation.INSERTION]
-        wanted = (size.picture_width, size.picture_height)
-        small = cv2.resize(shown.view.image, wanted, interpolation=cv2.INTER_AREA)
-        found.append(small.astype(np.uint8).transpose(2, 0, 1))
+        found.append(_shrunk(shown.view.image, size))
     return found
+
+
+def _shrunk(image: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
+    """A picture (height, width, 3) as the model takes it (3, height, width)."""
+    wanted = (size.picture_width, size.picture_height)
+    small = cv2.resize(image, wanted, interpolation=cv2.INTER_AREA)
+    return small.astype(np.uint8).transpose(2, 0, 1)
 
 
 class Pictures:
     """All pictures on the device: those drawn, then a black one, then the pegs' goal pictures."""
 
-    def __init__(self, folder: Path, pegs: Sequence[str], size: Size, device: str) -> None:
+    def __init__(
+        self,
+        folder: Path | None,
+        pegs: Sequence[str],
+        size: Size,
+        device: str,
+        files: Sequence[str] = (),
+    ) -> None:
+        """`folder` holds what `draw.py` drew; `files` are pictures of recorded trials."""
         shape = (3, size.picture_height, size.picture_width)
         self.looks: dict[tuple[int, int, str], list[int]] = {}
         true: list[list[float]] = []
         front: list[bool] = []
         there: list[bool] = []
         parts = []
-        for path in sorted(folder.glob("index-*.json")):
+        for path in sorted(folder.glob("index-*.json")) if folder else ():
             index = json.loads(path.read_text(encoding="utf-8"))
             raw = np.memmap(path.with_name(f"pictures-{path.stem[6:]}.raw"), np.uint8, "r")
             parts.append(raw.reshape(-1, *shape))
@@ -179,7 +231,9 @@ class Pictures:
                 there.append(entry["peg"])
         self.drawn, self.black = len(true), len(true)
         self.goals = {peg: self.black + 1 + n for n, peg in enumerate(pegs)}
-        extra = np.stack([np.zeros(shape, np.uint8), *goal_pictures(pegs, size)])
+        self.files = {file: self.black + 1 + len(pegs) + n for n, file in enumerate(files)}
+        read = [_shrunk(pictures.read(Path(file)), size) for file in files]
+        extra = np.stack([np.zeros(shape, np.uint8), *goal_pictures(pegs, size), *read])
         self.pixels = torch.empty(
             (self.drawn + len(extra), *shape), dtype=torch.uint8, device=device
         )
@@ -189,7 +243,8 @@ class Pictures:
                 some = torch.from_numpy(np.array(part[k : k + 1024]))
                 self.pixels[at : at + len(some)] = some.to(device)
                 at += len(some)
-        self.true = torch.tensor(true, device=device) / torch.tensor(UNITS, device=device)
+        self.true = torch.tensor(true, device=device).reshape(-1, TARGETS)
+        self.true = self.true / torch.tensor(UNITS, device=device)
         self.front = torch.tensor(front, device=device)
         self.there = torch.tensor(there, device=device)
         self.features: Tensor | None = None  # of a tower that is not trained any more
@@ -218,6 +273,8 @@ class Pictures:
 
     def geometry_loss(self, said: Tensor, rows: Tensor) -> Tensor:
         """How far what the heads say (n, 2, TARGETS) of some pictures is from the truth."""
+        if not self.drawn:
+            return said.sum() * 0.0
         at = rows.clamp(max=self.drawn - 1)
         keep = (rows < self.drawn) & self.there[at]
         of = torch.where(self.front[at][:, None], said[:, 1], said[:, 0]).float()
@@ -289,18 +346,20 @@ class Batches:
 
     def _row(self, one: Asked, picture: tuple[Any, ...], dressed: float) -> int:
         """A picture's row; as it was if `dressed` < 0.5, else one of the other variants."""
-        pictures = self._pictures
+        drawn = self._pictures
         match picture:
             case ["goal", peg]:
-                return pictures.goals[peg]
+                return drawn.goals[peg]
+            case ["file", file]:
+                return drawn.files[file]
             case ["look", look, camera]:
-                rows = pictures.looks.get((one.seed, look, camera))
+                rows = drawn.looks.get((one.seed, look, camera))
                 if rows is None:  # it was not drawn in time
-                    return pictures.black
+                    return drawn.black
                 k = 0 if dressed < 0.5 else 1 + int((dressed - 0.5) * 2 * (len(rows) - 1))
                 return rows[min(k, len(rows) - 1)]
             case _:
-                return pictures.black
+                return drawn.black
 
 
 def _round(length: int) -> int:
