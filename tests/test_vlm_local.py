@@ -33,7 +33,7 @@ pytest_plugins = ["local_model"]
 
 PLIANT = Path(sys.executable).with_name("pliant")
 LONGEST_S = 60.0
-BROUGHT = (Output.NATIVE, 384, True, 3)
+BROUGHT = (Output.NATIVE, 192, True, 3)
 
 
 def brought(settings: Settings) -> tuple[object, ...]:
@@ -126,7 +126,7 @@ def test_what_is_given_wins_over_what_it_brings_and_that_over_a_preset() -> None
     own = settings_of(*given, "--preset", "paper")
     assert brought(own) == (Output.TOOL, None, False, 5)
     in_a_file = settings_of(vlm={"brief": False, "preset": "paper", "history": 0})
-    assert brought(in_a_file) == (Output.NATIVE, 384, False, 0)
+    assert brought(in_a_file) == (Output.NATIVE, 192, False, 0)
     hosted = settings_of("--preset", "paper", vlm={"model": "openai:gpt-4o"})
     assert settings_of("--history", "5", vlm={"history": 0}).history == 5
     assert (hosted.history, hosted.output_mode) == (0, Output.TOOL)

@@ -21,7 +21,7 @@ import numpy as np
 import tokenizer as words
 import torch
 from export_gguf import TYPES, export
-from model import Model, Size
+from model import SIZES, Model, Size
 from numpy.typing import NDArray
 from serve import Server, serving
 from tokenizers import Tokenizer
@@ -31,19 +31,6 @@ from transformers import AutoModelForImageTextToText, AutoTokenizer
 
 from pliant import pictures
 
-SMALL = Size(
-    vision_width=64,
-    vision_layers=2,
-    vision_heads=2,
-    vision_mlp=160,
-    projector=96,
-    width=128,
-    layers=3,
-    heads=2,
-    mlp=192,
-    vocabulary=768,
-    context=1024,
-)
 CONTINUED = 12  # tokens
 MOST_LIKELY = 20  # tokens whose log probabilities are compared at each place
 TOLERANCE = {"f32": 0.02, "f16": 0.05, "q8_0": 0.5}
@@ -281,13 +268,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--default-size", action="store_true", help="else a small one")
+    parser.add_argument("--size", choices=SIZES, default="tiny")
     parser.add_argument("--type", choices=TYPES, default="f16")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    size = Size() if options.default_size else SMALL
+    size = SIZES[options.size]
     with TemporaryDirectory() as folder:
-        if not check(size, Path(folder), options.type, speeds=options.default_size):
+        if not check(size, Path(folder), options.type, speeds=options.size != "tiny"):
             raise SystemExit("not as it should be")
 
 

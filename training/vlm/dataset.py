@@ -22,9 +22,12 @@ from torch.nn import functional
 
 from pliant import pictures
 from pliant.formations import Formation
+from pliant.reasoners.vlm.settings import BROUGHT
 from pliant.task import load_task
 from pliant.teaching import shipped
 
+DRAWN, SCALE = (384, 288), 0.6  # width and height of what `draw.py` draws, of a camera's pixels
+CROP: tuple[int, int, int, int] = tuple(BROUGHT["picture_crop"])
 VERSIONS = 4  # of a decision's text
 TARGETS = 6  # that are true of a picture: see draw.geometry
 UNITS = (10.0, 10.0, 5.0, 10.0, 10.0, 5.0)  # [mm or degrees] that the targets are divided by
@@ -195,7 +198,9 @@ def goal_pictures(pegs: Sequence[str], size: Size) -> list[NDArray[np.uint8]]:
 
 
 def _shrunk(image: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
-    """A picture (height, width, 3) as the model takes it (3, height, width)."""
+    """A picture as a camera takes it, as the model does (3, height, width)."""
+    left, top, width, height = CROP
+    image = image[top : top + height, left : left + width]
     wanted = (size.picture_width, size.picture_height)
     small = cv2.resize(image, wanted, interpolation=cv2.INTER_AREA)
     return small.astype(np.uint8).transpose(2, 0, 1)
@@ -214,6 +219,8 @@ class Pictures:
     ) -> None:
         """`folder` holds what `draw.py` drew; `files` are pictures of recorded trials."""
         shape = (3, size.picture_height, size.picture_width)
+        left, top, width, height = (round(SCALE * n) for n in CROP)
+        columns, rows = slice(left, left + width), slice(top, top + height)
         self.looks: dict[tuple[int, int, str], list[int]] = {}
         true: list[list[float]] = []
         front: list[bool] = []
@@ -222,7 +229,7 @@ class Pictures:
         for path in sorted(folder.glob("index-*.json")) if folder else ():
             index = json.loads(path.read_text(encoding="utf-8"))
             raw = np.memmap(path.with_name(f"pictures-{path.stem[6:]}.raw"), np.uint8, "r")
-            parts.append(raw.reshape(-1, *shape))
+            parts.append(raw.reshape(-1, 3, DRAWN[1], DRAWN[0])[:, :, rows, columns])
             for entry in index:
                 key = (entry["seed"], entry["look"], entry["camera"])
                 self.looks.setdefault(key, []).append(len(true))
@@ -232,7 +239,7 @@ class Pictures:
         self.drawn, self.black = len(true), len(true)
         self.goals = {peg: self.black + 1 + n for n, peg in enumerate(pegs)}
         self.files = {file: self.black + 1 + len(pegs) + n for n, file in enumerate(files)}
-        read = [_shrunk(pictures.read(Path(file)), size) for file in files]
+        read = [pictures.read(Path(file)).transpose(2, 0, 1) for file in files]
         extra = np.stack([np.zeros(shape, np.uint8), *goal_pictures(pegs, size), *read])
         self.pixels = torch.empty(
             (self.drawn + len(extra), *shape), dtype=torch.uint8, device=device

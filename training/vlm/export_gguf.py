@@ -96,7 +96,7 @@ def add_tokenizer(file: gguf.GGUFWriter, tokenizer: Tokenizer, vocabulary: int) 
         for n, token in enumerate(tokens)
     ]
     # Of user-defined tokens the text comes out, and the server looks for it.
-    for token in (words.CALL, words.END_OF_CALL):
+    for token in (words.CALL, words.END_OF_CALL, *words.WHOLE):
         types[tokens.index(token)] = gguf.TokenType.USER_DEFINED
     file.add_tokenizer_model("gpt2")
     file.add_tokenizer_pre(words.PRE)

@@ -57,6 +57,39 @@ class Size:
         return self.columns * self.rows // self.merge**2
 
 
+SIZES = {
+    "full": Size(),
+    "small": Size(
+        picture_width=192,
+        picture_height=192,
+        patch=12,
+        vision_width=160,
+        vision_layers=4,
+        vision_heads=5,
+        vision_mlp=480,
+        projector=384,
+        width=192,
+        layers=6,
+        heads=3,
+        mlp=512,
+    ),
+    "tiny": Size(
+        picture_width=192,
+        picture_height=192,
+        patch=12,
+        vision_width=32,
+        vision_layers=1,
+        vision_heads=1,
+        vision_mlp=32,
+        projector=32,
+        width=32,
+        layers=1,
+        heads=1,
+        mlp=32,
+    ),
+}
+"""full is for a graphics card; small can be trained on two cores; tiny is for tests."""
+
 PROJECTOR_EPS = 1e-5
 """Of the projector's LayerNorm; fixed in llama.cpp."""
 

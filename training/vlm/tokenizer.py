@@ -87,7 +87,7 @@ def trained(texts: Iterable[str], size: int) -> Tokenizer:
     tokenizer.train_from_iterator(
         texts,
         trainers.BpeTrainer(
-            vocab_size=size,
+            vocab_size=size - len(WHOLE),
             special_tokens=[AddedToken(token, special=True, normalized=False) for token in SPECIAL],
             initial_alphabet=pre_tokenizers.ByteLevel.alphabet(),
             show_progress=False,

@@ -19,35 +19,8 @@ import tokenizer as words
 import torch
 from dataset import HELD_OUT, Asked, Batches, Pictures, read
 from learner import GEOMETRY, Learner, validated
-from model import Size, save
+from model import SIZES, save
 from torch import Tensor, nn
-
-SIZES = {
-    "full": Size(),
-    "small": Size(
-        vision_width=128,
-        vision_layers=4,
-        vision_heads=2,
-        vision_mlp=384,
-        projector=256,
-        width=192,
-        layers=6,
-        heads=3,
-        mlp=512,
-    ),
-    "tiny": Size(
-        vision_width=32,
-        vision_layers=1,
-        vision_heads=1,
-        vision_mlp=32,
-        projector=32,
-        width=32,
-        layers=1,
-        heads=1,
-        mlp=32,
-    ),
-}
-"""full is for a graphics card; small can be trained on two cores; tiny is for tests."""
 
 WARM_UP = 150  # steps
 KEPT_S = 120.0  # between two checkpoints

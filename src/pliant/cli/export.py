@@ -18,6 +18,7 @@ def export(
     lerobot_out: Annotated[Path | None, tyro.conf.arg(name="lerobot")] = None,
     failure_qa_out: Annotated[Path | None, tyro.conf.arg(name="failure-qa")] = None,
     chat_out: Annotated[Path | None, tyro.conf.arg(name="chat")] = None,
+    chat_for: str | None = None,
     rerun_out: Annotated[Path | None, tyro.conf.arg(name="rerun")] = None,
     trial: tuple[str, ...] | None = None,
     fps: int = 10,
@@ -33,6 +34,7 @@ def export(
         failure_qa_out: a new folder for questions and answers about failures, with pictures.
         chat_out: a new folder for conversations to tune a vision-language model on: what it would
             be told and shown, and what was right to answer.
+        chat_for: the model whose settings those have, such as local; default: those of any other.
         rerun_out: a new file (.rrd) for Rerun's viewer, of one trial.
         trial: these trials only, by their trial_id; Rerun needs one where the run has several.
         fps: frames a second of the LeRobot data set and of Rerun's timeline, 1 to 25.
@@ -54,6 +56,8 @@ def export(
         )
     if len({path.resolve() for path in outputs}) < len(outputs):
         raise InputError("two exports cannot go to the same path: give each its own")
+    if chat_for is not None and chat_out is None:
+        raise InputError("--chat-for says how --chat writes: give --chat with a path too")
     if trial == ():
         raise InputError("--trial takes one trial_id or several: give one, or leave --trial out")
     for path in outputs:
@@ -70,9 +74,11 @@ def export(
     if chat_out is not None:
         needs_extra("--chat, which writes a model's prompts,")
         from pliant.export import chat
+        from pliant.reasoners.vlm.settings import from_fields
 
+        settings = None if chat_for is None else from_fields({"model": chat_for})
         with counted("chat") as steps:
-            told = chat.write(source, chat_out, progress=steps.tell)
+            told = chat.write(source, chat_out, settings, progress=steps.tell)
         console.print(f"chat: {shown(chat_out)}: {_in_words(told)} conversations")
     if lerobot_out is not None:
         with counted("LeRobot") as steps:

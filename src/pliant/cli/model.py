@@ -23,6 +23,7 @@ GROUPS = {
         *("judge", "recover", "probes", "plan", "one-call", "skip-agreed", "history", "brief"),
         *(
             "picture",
+            "picture-crop",
             "picture-px",
             "oblique-picture",
             "goal-picture",

@@ -64,7 +64,7 @@ EXPORT = Usage(
         ("pliant export runs/experiment --rerun t.rrd --trial L0-circle-all-rules-1", "one trial"),
     ),
     groups={
-        "into which form": ("lerobot", "failure-qa", "chat", "rerun"),
+        "into which form": ("lerobot", "failure-qa", "chat", "chat-for", "rerun"),
         "which, and how": ("trial", "fps", "cameras", "workers"),
     },
 )

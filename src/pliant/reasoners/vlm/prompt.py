@@ -331,7 +331,10 @@ def shown(picture: BinaryContent) -> NDArray[np.uint8]:
 
 
 def picture(image: NDArray[np.uint8], settings: Settings) -> BinaryContent:
-    """A picture (height, width, 3), RGB, as PNG, no wider than is sent to the model."""
+    """The part of a picture (height, width, 3), RGB, that is sent, as PNG of the width that is."""
+    if settings.picture_crop is not None:
+        left, top, width, height = settings.picture_crop
+        image = np.ascontiguousarray(image[top : top + height, left : left + width])
     most = settings.picture_px
     sent = image if most is None or image.shape[1] <= most else pictures.shrunk(image, most)
     return BinaryContent(pictures.encoded(sent), media_type="image/png")

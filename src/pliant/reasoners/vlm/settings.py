@@ -87,6 +87,8 @@ class Settings:
     """Let it look and touch before it plans, where the method has probes."""
     picture: bool = True
     """Show the picture taken after the skill."""
+    picture_crop: tuple[int, int, int, int] | None = None
+    """The part of each picture that is sent [px]: left, top, width, height; None: all of it."""
     picture_px: int | None = None
     """The width that pictures are shrunk to before they are sent; None: as taken."""
     oblique_picture: bool = False
@@ -143,6 +145,13 @@ class Settings:
             raise InputError(f"step_limit_mm is {self.step_limit_mm:g}: it must be 1 or more")
         if self.picture_px is not None and not 16 <= self.picture_px <= 4096:
             raise InputError(f"picture_px is {self.picture_px}: it must be from 16 to 4096")
+        if self.picture_crop is not None:
+            left, top, width, height = self.picture_crop
+            if min(left, top) < 0 or min(width, height) < 16:
+                raise InputError(
+                    f"picture_crop is {self.picture_crop}: left and top must be 0 or more, width"
+                    " and height 16 or more"
+                )
         if self.history < 0:
             raise InputError(f"history is {self.history}: it must be 0 or more executions")
         if self.probes and self.recover is not Decider.VLM:
@@ -215,7 +224,13 @@ plans in two stages with absolute goals by function calling, sees no earlier exe
 measurement in millimetres, and no rules stand behind it; a goal may change as far as the envelope
 lets it."""
 
-BROUGHT: Mapping[str, Any] = {"output": "native", "picture_px": 384, "brief": True, "history": 3}
+BROUGHT: Mapping[str, Any] = {
+    "output": "native",
+    "picture_crop": [160, 10, 320, 320],
+    "picture_px": 192,
+    "brief": True,
+    "history": 3,
+}
 """What the model that comes with pliant was trained with, and one tuned from it: its defaults."""
 
 
