@@ -18,6 +18,7 @@ from pliant.conditions import Setup
 from pliant.errors import InputError
 from pliant.experiment.bench import table
 from pliant.experiment.bench.answers import Answer, answer
+from pliant.experiment.bench.blind import Pictures, shown
 from pliant.experiment.bench.cases import (
     SHIPPED,
     SHIPPED_HASH,
@@ -158,7 +159,12 @@ def test_who_knows_the_truth_scores_perfectly_and_its_inverse_the_opposite() -> 
         {"right": lambda n: Knows(keys[n]), "wrong": lambda n: Knows(keys[n], True)}, SET
     )
     right, wrong = (document["reasoners"][name]["all"] for name in ("right", "wrong"))
-    assert document["cases"] == {"hash": SHIPPED_HASH, "n": len(SET), "of": len(SET)}
+    assert document["cases"] == {
+        "hash": SHIPPED_HASH,
+        "n": len(SET),
+        "of": len(SET),
+        "pictures": "own",
+    }
     assert right["balanced_accuracy"]["percent"] == 100
     assert wrong["balanced_accuracy"]["percent"] == 0
     for score in ("false_accepts", "false_rejects"):
@@ -518,3 +524,44 @@ def test_what_is_no_set_is_refused(tmp_path: Path, own: Path) -> None:
         archive.writestr("cases.jsonl", "{}\n")
     with pytest.raises(InputError, match="not a whole case set"):
         len(Cases(tmp_path / "half.zip"))
+
+
+# --- controls that see nothing -------------------------------------------------------------------
+
+
+def first(n: int) -> list[BenchCase]:
+    return [case for case, _ in zip(SET, range(n), strict=False)]
+
+
+def images(question: BenchCase) -> dict[str, np.ndarray]:
+    views = question.case.outcome.looks[-1].observation.views
+    return {name: view.image for name, view in views.items()}
+
+
+def test_black_pictures_are_black_and_change_nothing_else() -> None:
+    for own, black in zip(first(8), shown(first(8), Pictures.BLACK), strict=True):
+        assert not any(image.any() for image in images(black).values())
+        assert black.key == own.key
+        assert black.case.evidence == own.case.evidence
+        assert black.case.outcome.looks[-1].scene == own.case.outcome.looks[-1].scene
+
+
+def test_others_pictures_are_of_another_case_after_the_same_formation() -> None:
+    cases = first(40)
+    own = {n: images(question) for n, question in enumerate(cases)}
+    for n, question in enumerate(shown(cases, Pictures.OTHERS)):
+        for name, image in images(question).items():
+            (of,) = {
+                m for m, all_of in own.items() if name in all_of and (all_of[name] == image).all()
+            } or {n}
+            assert cases[of].key.formation is question.key.formation
+    exchanged = [
+        not (images(a)["side"] == images(b)["side"]).all()
+        for a, b in zip(cases, shown(cases, Pictures.OTHERS), strict=True)
+    ]
+    assert sum(exchanged) > 30
+
+
+def test_own_pictures_are_the_cases_themselves() -> None:
+    cases = first(2)
+    assert shown(cases, Pictures.OWN) is cases

@@ -15,6 +15,7 @@ from pliant.cli.steps import counted
 from pliant.console import Console, complain
 from pliant.errors import InputError
 from pliant.experiment.bench import coin, run, table
+from pliant.experiment.bench.blind import Pictures
 from pliant.experiment.bench.cases import SHIPPED, Cases
 from pliant.experiment.bench.marks import Make
 from pliant.files import write_json
@@ -30,6 +31,7 @@ def bench_reasoner(
     *,
     cases: Path | None = None,
     limit: int | None = None,
+    pictures: Annotated[Pictures, tyro.conf.EnumChoicesFromValues] = Pictures.OWN,
     out: Path | None = None,
     model: Annotated[ModelOptions, tyro.conf.arg(name="")] = ModelOptions(),  # noqa: B008
 ) -> int:
@@ -40,6 +42,7 @@ def bench_reasoner(
             (path/to/file.py:Class); several are set side by side.
         cases: a case set of your own in place of the one that ships.
         limit: only so many cases, from the first.
+        pictures: own, or a control that nobody can see by: black ones, or those of others.
         out: also write all scores as JSON to this file.
         model: the model behind the reasoner vlm; recordings are a folder with a file per case.
     """
@@ -57,6 +60,7 @@ def bench_reasoner(
             makers,
             chosen,
             limit=limit,
+            pictures=pictures,
             on_mark=lambda name, mark: steps.tell(next(marked), total, name),
         )
     if out is not None:

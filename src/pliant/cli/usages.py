@@ -77,7 +77,7 @@ BENCH_REASONER = Usage(
             "a model",
         ),
     ),
-    groups={_TRIED: ("cases", "limit"), _KEPT: ("out",), **GROUPS},
+    groups={_TRIED: ("cases", "limit", "pictures"), _KEPT: ("out",), **GROUPS},
 )
 SERVE_MODEL = Usage(
     examples=(

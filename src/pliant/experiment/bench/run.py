@@ -6,6 +6,7 @@ from typing import Any
 
 from pliant import store
 from pliant.errors import InputError
+from pliant.experiment.bench.blind import Pictures, shown
 from pliant.experiment.bench.cases import Cases
 from pliant.experiment.bench.marks import Make, Mark, put
 from pliant.experiment.bench.scores import scores
@@ -17,10 +18,12 @@ def run(
     cases: Cases,
     *,
     limit: int | None = None,
+    pictures: Pictures = Pictures.OWN,
     on_mark: Callable[[str, Mark], None] | None = None,
 ) -> dict[str, Any]:
     """Put every case, or the first `limit`, to each reasoner; one after the other, so that a
-    reasoner that asks a slow model holds up no other. `on_mark` is told each case's marks.
+    reasoner that asks a slow model holds up no other. `pictures` other than their own show what a
+    reasoner scores without seeing. `on_mark` is told each case's marks.
 
     Raises:
         InputError: there is nothing to do, the set is broken, or a reasoner failed.
@@ -32,7 +35,7 @@ def run(
     found = {}
     for name, make in reasoners.items():
         marks: list[Mark] = []
-        for question in islice(cases, limit):
+        for question in islice(shown(cases, pictures), limit):
             marks.append(put(question, name, make))
             if on_mark is not None:
                 on_mark(name, marks[-1])
@@ -40,6 +43,11 @@ def run(
     return {
         "schema": SCHEMA,
         "made_by": store.made_here(),
-        "cases": {"hash": cases.hash, "n": len(marks), "of": len(cases)},
+        "cases": {
+            "hash": cases.hash,
+            "n": len(marks),
+            "of": len(cases),
+            "pictures": pictures.value,
+        },
         "reasoners": found,
     }

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from pliant.experiment.bench.blind import Pictures
 from pliant.experiment.measures import is_undecided
 from pliant.experiment.table_cells import (
     NONE,
@@ -27,6 +28,8 @@ def markdown(document: Document) -> str:
     document = escaped(document)
     n, of = document["cases"]["n"], document["cases"]["of"]
     part = "" if n == of else f", the first {n}"
+    shown = document["cases"].get("pictures", Pictures.OWN)  # of before there were others
+    part += "" if shown == Pictures.OWN else f", with {shown} pictures, which is not seeing"
     sections = [
         f"Case set {document['cases']['hash']}, {of} cases{part}. Percentages and distances"
         " stand with their 95 % intervals, which the JSON has for every group, too.",
