@@ -146,6 +146,7 @@ def write_tower(model: Model, path: Path, *, half: bool) -> None:
     file.add_vision_attention_layernorm_eps(size.vision_eps)
     file.add_vision_projector_scale_factor(size.merge)
     file.add_vision_use_gelu(True)
+    file.add_uint32("pliant.picture_height", size.picture_height)  # for `read_gguf.py`
 
     matrix = TYPES["f16" if half else "f32"]
     add(file, "v.patch_embd.weight", tower.patches.weight, matrix)

@@ -77,13 +77,7 @@ def trained(texts: Iterable[str], size: int) -> Tokenizer:
     """A tokenizer of at most `size` tokens. Special tokens, the 256 bytes and the digits are
     always among them; `texts` should not hold special tokens."""
     tokenizer = Tokenizer(models.BPE())
-    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
-        [
-            pre_tokenizers.Digits(individual_digits=True),
-            pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=True),
-        ]
-    )
-    tokenizer.decoder = decoders.ByteLevel()
+    cut_as_smollm(tokenizer)
     tokenizer.train_from_iterator(
         texts,
         trainers.BpeTrainer(
@@ -95,6 +89,17 @@ def trained(texts: Iterable[str], size: int) -> Tokenizer:
     )
     tokenizer.add_tokens([AddedToken(text, special=False, normalized=False) for text in WHOLE])
     return tokenizer
+
+
+def cut_as_smollm(tokenizer: Tokenizer) -> None:
+    """Cut texts as llama.cpp's rule does before bytes are joined."""
+    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
+        [
+            pre_tokenizers.Digits(individual_digits=True),
+            pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=True),
+        ]
+    )
+    tokenizer.decoder = decoders.ByteLevel()
 
 
 def load(path: Path) -> Tokenizer:
