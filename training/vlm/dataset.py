@@ -276,7 +276,12 @@ class Pictures:
     def freeze(self, tower: Tower) -> None:
         """Make and keep the features of all pictures."""
         rows = torch.arange(len(self.pixels), device=self.pixels.device).split(128)
-        self.features = torch.cat([tower.features(self.normal(r, vary=False)).half() for r in rows])
+        size = tower.size
+        shape = (len(self.pixels), size.rows * size.columns, size.vision_width)
+        kept = torch.empty(shape, dtype=torch.float16, device=self.pixels.device)
+        for some in rows:
+            kept[some] = tower.features(self.normal(some, vary=False)).half()
+        self.features = kept
 
     def geometry_loss(self, said: Tensor, rows: Tensor) -> Tensor:
         """How far what the heads say (n, 2, TARGETS) of some pictures is from the truth."""
