@@ -88,7 +88,7 @@ class Settings:
     picture: bool = True
     """Show the picture taken after the skill."""
     picture_crop: tuple[int, int, int, int] | None = None
-    """The part of each picture that is sent [px]: left, top, width, height; None: all of it."""
+    """Send this part of each picture [px]: left, top, width, height."""
     picture_px: int | None = None
     """The width that pictures are shrunk to before they are sent; None: as taken."""
     oblique_picture: bool = False
@@ -116,7 +116,7 @@ class Settings:
     clamp_mm: float = 10.0
     """What a change that was refused twice is cut down to."""
     fallback: bool = True
-    """Let the rules answer where the model gives nothing usable; else the trial stops there."""
+    """Let the rules answer where the model gives nothing usable; else stop."""
     temperature: float | None = 0.0
     """Of the model's sampling; not sent to a model known to refuse it. None: sent to none."""
     effort: Effort | None = None
@@ -134,7 +134,7 @@ class Settings:
     max_usd: float | None = None
     """Per trial, where the price is known."""
     usd_per_million: tuple[float, float] | None = None
-    """The price of a million tokens sent and received, where pliant does not know the model's."""
+    """The price of a million tokens sent and received, if pliant knows none."""
 
     def __post_init__(self) -> None:
         for name in ("clamp_mm", "deadline_s", "reply_tokens", "max_requests", "max_tokens"):
