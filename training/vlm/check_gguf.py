@@ -11,11 +11,13 @@ something is wrong on purpose. With `--default-size`, speeds and memory follow.
 import argparse
 import base64
 import copy
+import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from urllib.request import Request, urlopen
 
 import numpy as np
 import tokenizer as words
@@ -23,13 +25,13 @@ import torch
 from export_gguf import TYPES, export
 from model import SIZES, Model, Size
 from numpy.typing import NDArray
-from serve import Server, serving
 from tokenizers import Tokenizer
 from torch import Tensor
 from torch.nn import functional
 from transformers import AutoModelForImageTextToText, AutoTokenizer
 
 from pliant import pictures
+from pliant.reasoners.vlm import local
 
 CONTINUED = 12  # tokens
 MOST_LIKELY = 20  # tokens whose log probabilities are compared at each place
@@ -90,9 +92,19 @@ def rendered(template: Any, conversation: Sequence[Mapping[str, Any]], size: Siz
     return told.replace(words.PICTURE, words.picture_text(size.picture_tokens))
 
 
-def asked(server: Server, conversation: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def posted(server: local.Server, path: str, body: Mapping[str, Any]) -> dict[str, Any]:
+    """What the server replies; `path` begins at its root."""
+    url = server.base_url.removesuffix("/v1") + path
+    request = Request(url, json.dumps(body).encode(), {"Content-Type": "application/json"})
+    with urlopen(request) as reply:
+        told: dict[str, Any] = json.load(reply)
+    return told
+
+
+def asked(server: local.Server, conversation: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The server's likeliest continuation in ASCII, with log probabilities."""
-    return server.post(
+    return posted(
+        server,
         "/v1/chat/completions",
         {
             "messages": conversation,
@@ -162,11 +174,11 @@ def transformers_apart(
     return float((theirs - model(tokens, pixels, place)).abs().max())
 
 
-def tokenized_alike(server: Server, tokenizer: Tokenizer, texts: Sequence[str]) -> int:
+def tokenized_alike(server: local.Server, tokenizer: Tokenizer, texts: Sequence[str]) -> int:
     """How many texts the server cuts into tokens as `tokenizer` does; says those that differ."""
     alike = 0
     for text in texts:
-        theirs = server.post("/tokenize", {"content": text, "parse_special": True})["tokens"]
+        theirs = posted(server, "/tokenize", {"content": text, "parse_special": True})["tokens"]
         ours = tokenizer.encode(text).ids
         alike += theirs == ours
         if theirs != ours:
@@ -209,7 +221,8 @@ def check(size: Size, folder: Path, kind: str, *, speeds: bool) -> bool:
     images = [smooth_picture(size, seed) for seed in range(3)]
     texts = ["Picture of 12.5 mm:", " And\n", " What is it?"]
     good = True
-    with serving(folder, context=size.context) as server:
+    weights = local.tuned(folder / local.MODEL, folder / local.PROJECTOR)
+    with local.serving(weights) as server:
         cut = samples()
         alike = tokenized_alike(server, tokenizer, cut)
         print(f"tokens: {alike} of {len(cut)} texts alike; {tokenizer.get_vocab_size()} tokens")
@@ -236,11 +249,10 @@ def check(size: Size, folder: Path, kind: str, *, speeds: bool) -> bool:
                     print(f"   {name}: {compared(faulty, reply, prompt, pixels, place)[0]:.3f}")
         if speeds:
             print_speeds(server, size)
-        print("memory, MB:", {k: round(v) for k, v in server.memory_mb().items()})
     return good
 
 
-def print_speeds(server: Server, size: Size) -> None:
+def print_speeds(server: local.Server, size: Size) -> None:
     """Tokens per second of prompts and of replies, and milliseconds per picture, of one thread."""
     line = "Executed last: no 12, insert; goal: y_mm -35.2, z_mm 101.7, roll_deg 10.0.\n"
     asks: dict[str, list[dict[str, Any]]] = {"text": messages([20 * line], [])}
@@ -251,7 +263,9 @@ def print_speeds(server: Server, size: Size) -> None:
         for n in range(3):  # the best of them
             body = {"messages": conversation, "max_tokens": 100, "ignore_eos": True, "seed": n}
             begun = time.perf_counter()
-            timing = server.post("/v1/chat/completions", {**body, "cache_prompt": False})["timings"]
+            timing = posted(server, "/v1/chat/completions", {**body, "cache_prompt": False})[
+                "timings"
+            ]
             total_ms = 1e3 * (time.perf_counter() - begun)
             ms = timing["prompt_ms"]
             if ms < took.get(name, np.inf):
