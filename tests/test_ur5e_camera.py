@@ -134,15 +134,39 @@ def test_an_address_that_is_none_is_the_users_error() -> None:
 # --- sources that send by themselves -------------------------------------------------------------
 
 
+class Filming(ThreadingHTTPServer):
+    """Sends frames without end, until the test ends them."""
+
+    daemon_threads = True
+    has_ended = False
+
+
+class Film(BaseHTTPRequestHandler):
+    server: Filming
+
+    def do_GET(self) -> None:
+        frame = cv2.imencode(".jpg", cv2.cvtColor(painted(200), cv2.COLOR_RGB2BGR))[1].tobytes()
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        while not self.server.has_ended:
+            self.wfile.write(b"--frame\r\nContent-Type: image/jpeg\r\n")
+            self.wfile.write(b"Content-Length: %d\r\n\r\n%s\r\n" % (len(frame), frame))
+            time.sleep(0.01)
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+        """Not to the terminal."""
+
+
 @pytest.fixture
-def film(tmp_path: Path) -> Path:
-    """Thirty frames."""
-    path = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (WIDTH, HEIGHT))
-    for k in range(30):
-        writer.write(cv2.cvtColor(painted(8 * k), cv2.COLOR_RGB2BGR))
-    writer.release()
-    return path
+def film() -> Iterator[Filming]:
+    with Filming(("127.0.0.1", 0), Film) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server
+        server.has_ended = True
+        server.shutdown()
+        thread.join()
 
 
 def to_the_end(camera: Any) -> None:
@@ -150,14 +174,16 @@ def to_the_end(camera: Any) -> None:
         camera.view(stamp_s=3.0, origin_s=1.0)
 
 
-def test_what_opencv_opens_is_a_camera_and_its_end_is_a_fault(film: Path) -> None:
-    camera = open_camera(settings(source="opencv", where=str(film)), PATIENCE_S)
+def test_what_opencv_opens_is_a_camera_and_its_end_is_a_fault(film: Filming) -> None:
+    where = f"http://127.0.0.1:{film.server_address[1]}/film.mjpeg"
+    camera = open_camera(settings(source="opencv", where=where), 10.0)
     try:
         view = camera.view(stamp_s=3.0, origin_s=1.0)
         assert view.image.shape == (HEIGHT, WIDTH, 3)
         assert view.image[15, 40, 2] > 200
         assert view.time_s == 2.0
         assert camera.is_usable
+        film.has_ended = True
         with pytest.raises(RobotFault, match="has stopped sending"):
             to_the_end(camera)
         assert not camera.is_usable

@@ -166,11 +166,11 @@ class Stream:
             self._fresh.wait_for(
                 lambda: self._problem or (self._latest and self._latest[0] >= moment), patience_s
             )
+            if self._latest is not None and self._latest[0] >= moment:
+                return self._latest[1]
             if self._problem is not None:
                 raise self._problem
-            if self._latest is None or self._latest[0] < moment:
-                raise RobotFault("camera", f"the camera sent no new picture in {patience_s:.1f} s")
-            return self._latest[1]
+            raise RobotFault("camera", f"the camera sent no new picture in {patience_s:.1f} s")
 
     def _run(self, opener: "Callable[[], _OpenCv | _RealSense]") -> None:
         try:
