@@ -29,7 +29,7 @@ test: setup  ## Style, types, layers, the wheel and the tests
 	PYTHONWARNDEFAULTENCODING=1 $(BIN)/pytest -n auto
 test-system: setup .cache/venv-system/.synced  ## Tests that need a server or a browser
 	@tools/ensure_system.sh
-	PYTHONWARNDEFAULTENCODING=1 .cache/venv-system/bin/pytest -m system -n 2 --dist loadfile
+	PYTHONWARNDEFAULTENCODING=1 .cache/venv-system/bin/pytest -m system -n 2 --dist loadfile --no-loadscope-reorder
 bounds: setup  ## Tests with every dependency at its lowest, then at its highest version
 	tools/try_bounds.sh lowest
 	tools/try_bounds.sh highest

@@ -25,6 +25,11 @@ for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: None)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes minutes begins first, so that no worker waits for it in the end."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
 @pytest.fixture(autouse=True)
 def _only_own_servers_are_asked(request: pytest.FixtureRequest) -> Iterator[None]:
     """No test asks a real model, but those that start a server of their own: marked `system`, or

@@ -238,6 +238,7 @@ def test_no_reply_leads_beyond_the_envelope_or_breaks_a_decision(
     decided(*drawn)
 
 
+@pytest.mark.long
 @pytest.mark.system
 def test_ten_thousand_hostile_replies_lead_nowhere() -> None:
     replies = own = 0

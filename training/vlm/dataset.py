@@ -14,7 +14,7 @@ import numpy as np
 import rendering
 import tokenizer as words
 import torch
-from model import Size, Tower
+from model import Size
 from numpy.typing import NDArray
 from tokenizers import Tokenizer
 from torch import Tensor
@@ -31,6 +31,9 @@ CROP: tuple[int, int, int, int] = tuple(BROUGHT["picture_crop"])
 VERSIONS = 4  # of a decision's text
 TARGETS = 6  # that are true of a picture: see draw.geometry
 UNITS = (10.0, 10.0, 5.0, 10.0, 10.0, 5.0)  # [mm or degrees] that the targets are divided by
+RELATIVE = 3  # targets, the first ones, that are the same where the picture is shifted
+POINTS = 3  # whose places in a picture are known: see draw.points
+SHIFT = 16  # [px] that a picture is shifted by, at most
 HELD_OUT = 20  # every so manieth file of ten trials is for validation
 _WEIGHTS = {
     "success": 6.0,
@@ -219,12 +222,17 @@ class Pictures:
     ) -> None:
         """`folder` holds what `draw.py` drew; `files` are pictures of recorded trials."""
         shape = (3, size.picture_height, size.picture_width)
-        left, top, width, height = (round(SCALE * n) for n in CROP)
-        columns, rows = slice(left, left + width), slice(top, top + height)
+        left, top, width, height = CROP
+        columns, rows = (
+            slice(round(SCALE * a), round(SCALE * (a + n)))
+            for a, n in ((left, width), (top, height))
+        )
         self.looks: dict[tuple[int, int, str], list[int]] = {}
         true: list[list[float]] = []
         front: list[bool] = []
         there: list[bool] = []
+        points: list[list[list[float]]] = []
+        self.seeds: list[int] = []
         parts = []
         for path in sorted(folder.glob("index-*.json")) if folder else ():
             index = json.loads(path.read_text(encoding="utf-8"))
@@ -236,6 +244,8 @@ class Pictures:
                 true.append(entry["true"])
                 front.append(entry["camera"] == "front")
                 there.append(entry["peg"])
+                points.append(entry["points"])
+                self.seeds.append(entry["seed"])
         self.drawn, self.black = len(true), len(true)
         self.goals = {peg: self.black + 1 + n for n, peg in enumerate(pegs)}
         self.files = {file: self.black + 1 + len(pegs) + n for n, file in enumerate(files)}
@@ -254,7 +264,11 @@ class Pictures:
         self.true = self.true / torch.tensor(UNITS, device=device)
         self.front = torch.tensor(front, device=device)
         self.there = torch.tensor(there, device=device)
-        self.features: Tensor | None = None  # of a tower that is not trained any more
+        self.points = torch.tensor(points, device=device).reshape(-1, POINTS, 2)  # [px]
+        self.points -= torch.tensor([left, top], device=device)
+        self.points *= torch.tensor(
+            [size.picture_width / width, size.picture_height / height], device=device
+        )
 
     def normal(self, rows: Tensor, *, vary: bool) -> Tensor:
         """Pixels from -1 to 1; `vary`: brighter or darker, with more or less contrast and noise."""
@@ -266,32 +280,20 @@ class Pictures:
             x = x + 0.02 * torch.rand(one, device=x.device) * torch.randn_like(x)
         return x.clamp_(-1, 1)
 
-    def seen(self, tower: Tower, rows: Tensor, *, vary: bool) -> Tensor:
-        """The tower's features of some pictures: as they were kept, or made now."""
-        if self.features is not None:
-            return self.features[rows].float()
-        return tower.features(self.normal(rows, vary=vary))
+    def shifted(self, x: Tensor, by: Tensor) -> Tensor:
+        """Each picture moved right and down by some pixels (n, 2), its border going on."""
+        wide = functional.pad(x, (SHIFT, SHIFT, SHIFT, SHIFT), "replicate")
+        height, width = x.shape[2:]
+        return torch.stack([
+            one[:, SHIFT - dy : SHIFT - dy + height, SHIFT - dx : SHIFT - dx + width]
+            for one, (dx, dy) in zip(wide, by.tolist(), strict=True)
+        ])  # fmt: skip
 
-    @torch.no_grad()
-    def freeze(self, tower: Tower) -> None:
-        """Make and keep the features of all pictures."""
-        rows = torch.arange(len(self.pixels), device=self.pixels.device).split(128)
-        size = tower.size
-        shape = (len(self.pixels), size.rows * size.columns, size.vision_width)
-        kept = torch.empty(shape, dtype=torch.float16, device=self.pixels.device)
-        for some in rows:
-            kept[some] = tower.features(self.normal(some, vary=False)).half()
-        self.features = kept
-
-    def geometry_loss(self, said: Tensor, rows: Tensor) -> Tensor:
-        """How far what the heads say (n, 2, TARGETS) of some pictures is from the truth."""
-        if not self.drawn:
-            return said.sum() * 0.0
+    def geometry(self, rows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Of some pictures what is true (n, TARGETS), where the points are (n, POINTS, 2) [px],
+        whether they are front views, and whether there is anything to know."""
         at = rows.clamp(max=self.drawn - 1)
-        keep = (rows < self.drawn) & self.there[at]
-        of = torch.where(self.front[at][:, None], said[:, 1], said[:, 0]).float()
-        off = functional.smooth_l1_loss(of, self.true[at], reduction="none", beta=0.1)
-        return (off * keep[:, None]).sum() / keep.sum().clamp(min=1) / TARGETS
+        return self.true[at], self.points[at], self.front[at], (rows < self.drawn) & self.there[at]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

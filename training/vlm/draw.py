@@ -2,8 +2,9 @@
 
     python draw.py decisions pictures --processes 16
 
-Writes `pictures-K.npy` (n, 3, 288, 384) of bytes and `index-K.json`, which names each one's trial,
-look, camera and variant (0: as it was) with what is true in it, for each process K.
+Writes `pictures-K.raw` (n, 3, 288, 384) of bytes and `index-K.json`, which names each one's trial,
+look, camera and variant (0: as it was) with what is true in it and where that is seen, for each
+process K.
 """
 
 import argparse
@@ -22,7 +23,9 @@ import cv2
 import mujoco
 import numpy as np
 
+from pliant.cell import Camera
 from pliant.conditions import Setup
+from pliant.pose import rotation_matrix
 from pliant.sim.cell import SimRobot
 from pliant.sim.setup import apply
 from pliant.task import load_task
@@ -31,6 +34,7 @@ WIDTH, HEIGHT = 384, 288
 VARIANTS = 2  # pictures of a look: as it was, and dressed
 DRESSED = 700_000 - 1  # seeds of looks go down from here to 650000: no others are used
 CHUNK = 512  # pictures that are written at a time
+UP_THE_PEG = 0.040  # [m] where its second point is
 
 
 def trials(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
@@ -41,15 +45,15 @@ def trials(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
 
 def drawn(
     robot: SimRobot, trial: dict[str, Any], look: dict[str, Any], setup: Setup, camera: str
-) -> np.ndarray:
-    """The picture of a camera in a look's state (288, 384, 3)."""
+) -> tuple[np.ndarray, Camera]:
+    """The picture of a camera in a look's state (288, 384, 3), and the camera."""
     mujoco.mj_resetData(robot.model, robot.data)
     apply(robot.model, setup, look["time_s"])
     robot.data.qpos[:] = look["qpos"]
     mujoco.mj_forward(robot.model, robot.data)
     robot.cameras.dress(setup)
     view = robot.cameras.view(camera, robot.data, look["time_s"])
-    return cv2.resize(view.image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    return cv2.resize(view.image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), view.camera
 
 
 def geometry(look: dict[str, Any], camera: str) -> list[float]:
@@ -60,6 +64,16 @@ def geometry(look: dict[str, Any], camera: str) -> list[float]:
     last = hole[2] if camera == "side" else math.degrees(look["yaw"])
     where = [tip[across] - hole[across], hole[2] - tip[2], math.degrees(look[lean])]
     return [float(v) for v in (*where, tip[across], hole[across], last)]
+
+
+def points(look: dict[str, Any], camera: Camera) -> list[list[float]]:
+    """Where a camera sees the middle of the peg's bottom face, a point of its axis above it, and
+    the middle of the hole (column, row) [px]."""
+    tip, hole = np.array(look["tip"]), np.array(look["hole"])
+    up = rotation_matrix(look["roll"], look["pitch"], 0.0)[:, 2]
+    return [
+        [round(v, 2) for v in camera.project(point)] for point in (tip, tip + UP_THE_PEG * up, hole)
+    ]
 
 
 def draw(part: int, files: Sequence[Path], out: Path, until: float) -> None:
@@ -89,11 +103,12 @@ def draw(part: int, files: Sequence[Path], out: Path, until: float) -> None:
                         if variant == 0
                         else replace(own, seed=seed, looks=1.0, occluder=float(seed % 5 == 0))
                     )
-                    image = drawn(robot, trial, look, setup, camera)
+                    image, taken = drawn(robot, trial, look, setup, camera)
                     waiting.append(image.transpose(2, 0, 1))
                     index.append({
                         "seed": trial["seed"], "look": n, "camera": camera, "variant": variant,
-                        "true": geometry(look, camera), "peg": own.peg_missing <= 0.5,
+                        "true": geometry(look, camera), "points": points(look, taken),
+                        "peg": own.peg_missing <= 0.5,
                     })  # fmt: skip
             if len(waiting) >= CHUNK:
                 file.write(np.ascontiguousarray(np.stack(waiting)).tobytes())

@@ -4,9 +4,9 @@ It is laid out so that llama.cpp (projector `lfm2`, language model `llama`) and 
 (`Lfm2VlForConditionalGeneration` with a Llama inside) compute the same from its weights; export.py
 writes them for both. GELU is the tanh approximation throughout, as llama.cpp has no other there.
 
-A picture of 384 × 288 px is cut into 24 × 18 patches, row by row. Blocks of 2 × 2 patches are laid
+A picture of 192 × 192 px is cut into 16 × 16 patches, row by row. Blocks of 2 × 2 patches are laid
 side by side (upper left, upper right, lower left, lower right) and become one language token each:
-12 × 9 = 108, row by row. The language model reads them causally, as any token.
+8 × 8 = 64, row by row. The language model reads them causally, as any token.
 """
 
 import math
@@ -22,9 +22,9 @@ from torch.nn import functional
 class Size:
     """How large the model is, and what it takes."""
 
-    picture_width: int = 384
-    picture_height: int = 288
-    patch: int = 16
+    picture_width: int = 192
+    picture_height: int = 192
+    patch: int = 12
     merge: int = 2
     vision_width: int = 256
     vision_layers: int = 6
@@ -60,9 +60,6 @@ class Size:
 SIZES = {
     "full": Size(),
     "small": Size(
-        picture_width=192,
-        picture_height=192,
-        patch=12,
         vision_width=160,
         vision_layers=4,
         vision_heads=5,
@@ -74,9 +71,6 @@ SIZES = {
         mlp=512,
     ),
     "tiny": Size(
-        picture_width=192,
-        picture_height=192,
-        patch=12,
         vision_width=32,
         vision_layers=1,
         vision_heads=1,
@@ -156,7 +150,7 @@ class Tower(nn.Module):
         self.projector2 = nn.Linear(size.projector, size.width)
 
     def features(self, pixels: Tensor) -> Tensor:
-        """The patches' features (n, 432, vision width), row by row, of pictures (n, 3, 288, 384)
+        """The patches' features (n, 256, vision width), row by row, of pictures (n, 3, 192, 192)
         with values (x - 0.5) / 0.5."""
         x = self.patches(pixels).flatten(2).transpose(1, 2) + self.positions
         for block in self.blocks:
@@ -164,7 +158,7 @@ class Tower(nn.Module):
         return self.norm(x)
 
     def project(self, features: Tensor) -> Tensor:
-        """Language tokens (n, 108, language width) of patch features."""
+        """Language tokens (n, 64, language width) of patch features."""
         size = self.size
         x = features.unflatten(1, (size.rows // size.merge, size.merge, -1, size.merge))
         x = x.transpose(2, 3).flatten(3).flatten(1, 2)
@@ -253,8 +247,8 @@ class Model(nn.Module):
         initialise(self)
 
     def embed(self, tokens: Tensor, pictures: Tensor | None, picture_token: int) -> Tensor:
-        """Embeddings (b, t, width), with the pictures (m, 3, 288, 384) in the places of
-        `picture_token`, in their order in the batch. There must be 108 places for each picture, one
+        """Embeddings (b, t, width), with the pictures (m, 3, 192, 192) in the places of
+        `picture_token`, in their order in the batch. There must be 64 places for each picture, one
         after the other; this is not checked."""
         embeddings = self.language.embed(tokens)
         if pictures is None or not len(pictures):

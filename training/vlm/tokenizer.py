@@ -14,7 +14,7 @@ PRE = "smollm"
 
 END_OF_TEXT = "<|endoftext|>"  # also pads
 TURN, END_OF_TURN = "<|im_start|>", "<|im_end|>"
-PICTURE = "<image>"  # stands 108 times for a picture: its tokens' places
+PICTURE = "<image>"  # stands for a picture once for each of its tokens
 PICTURE_START, PICTURE_END = "<|image_start|>", "<|image_end|>"  # llama.cpp puts them around it
 CALL, END_OF_CALL = "<tool_call>", "</tool_call>"
 SPECIAL = (

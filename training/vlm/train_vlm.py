@@ -18,8 +18,8 @@ from typing import Any
 import tokenizer as words
 import torch
 from dataset import HELD_OUT, Asked, Batches, Pictures, read
-from learner import GEOMETRY, Learner, validated
-from model import SIZES, save
+from learner import GEOMETRY, Learner, measured, validated
+from model import SIZES, load, save
 from torch import Tensor, nn
 
 WARM_UP = 150  # steps
@@ -97,10 +97,10 @@ def main() -> None:
     parser.add_argument("pictures", type=Path)
     parser.add_argument("tokenizer", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--begin", type=Path, help="a model.pt to begin from, of the same size")
     parser.add_argument("--size", choices=SIZES, default="full")
     parser.add_argument("--pretrain", type=float, default=45.0, help="seconds for the tower alone")
     parser.add_argument("--seconds", type=float, default=300.0, help="for tower and language")
-    parser.add_argument("--frozen", action="store_true", help="the tower stays as pre-trained")
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--tokens", type=int, default=98_304, help="of a batch, with padding")
     parser.add_argument("--pictures-each", type=int, default=384, help="of a batch in pre-training")
@@ -129,23 +129,25 @@ def main() -> None:
     batches = Batches(train, pictures, tokens=given.tokens, seed=0)
 
     learner = Learner(size, cut.token_to_id(words.PICTURE)).to(given.device)
+    if given.begin is not None:
+        learner.model.load_state_dict(load(given.begin).state_dict())
     counts = {
         name: round(sum(p.numel() for p in part.parameters()) / 1e6, 2)
         for name, part in (("tower", learner.model.tower), ("language", learner.model.language))
     }
     say(f"millions of parameters: {counts}")
     if given.compile:
-        for block in [*learner.model.tower.blocks, *learner.model.language.blocks]:
+        model = learner.model
+        towers = model.tower.blocks if given.device != "cpu" else ()  # slower there
+        for block in [*towers, *model.language.blocks]:
             block.compile(dynamic=True)
     half = torch.autocast(given.device.partition(":")[0], dtype=torch.bfloat16)
     if given.pretrain > 0:
-        _train_tower(learner, pictures, given, half, say)
-    if given.frozen:
+        seeds = {asked.seed for asked in held}
+        _train_tower(learner, pictures, seeds, given, half, say)
+        unseen = [n for n, seed in enumerate(pictures.seeds) if seed in seeds]
         with half:
-            pictures.freeze(learner.model.tower)
-        learner.model.tower.patches.requires_grad_(False)
-        learner.model.tower.blocks.requires_grad_(False)
-        say("the tower's features are kept")
+            say(json.dumps(measured(learner, pictures, torch.tensor(unseen, device=given.device))))
     _train_together(learner, batches, pictures, given, half, say)
     save(learner.model, given.out / "model.pt")
     if held:
@@ -183,22 +185,30 @@ def _split(found: list[list[Asked]], most: int, *, whole: bool) -> tuple[list[As
 
 
 def _train_tower(
-    learner: Learner, pictures: Pictures, given: Any, half: Any, say: Callable[[str], None]
+    learner: Learner,
+    pictures: Pictures,
+    held: set[int],
+    given: Any,
+    half: Any,
+    say: Callable[[str], None],
 ) -> None:
+    """On the pictures of trials that are not `held` for validation."""
+    of = torch.tensor(
+        [n for n, seed in enumerate(pictures.seeds) if seed not in held], device=given.device
+    )
     both = nn.ModuleList([learner.model.tower, learner.heads])
     course = Course(both, seconds=given.pretrain, rate=1e-3, kept=given.out / "tower.pt")
-    told, loss = time.monotonic(), torch.tensor(math.nan)
+    told, some = time.monotonic(), [math.nan, math.nan]
     for _ in course:
-        rows = torch.randint(pictures.drawn, (given.pictures_each,), device=pictures.pixels.device)
+        rows = of[torch.randint(len(of), (given.pictures_each,), device=given.device)]
         with half:
-            features = learner.model.tower.features(pictures.normal(rows, vary=True))
-            loss = pictures.geometry_loss(learner.heads(features), rows)
-        course.learn(loss)
+            losses = learner.sight(pictures, rows)
+        course.learn(losses[0] + losses[1])
         if time.monotonic() - told > 15:
-            told = time.monotonic()
-            say(f"tower: step {course.step}, loss {loss.item():.4f}")
+            told, some = time.monotonic(), [round(v.item(), 4) for v in losses]
+            say(f"tower: step {course.step}, places and measurements {some}")
     course.take_average()
-    say(f"tower: {course.step} steps, loss {loss.item():.4f}")
+    say(f"tower: {course.step} steps")
 
 
 def _train_together(
