@@ -50,7 +50,10 @@ _WEIGHTS = {
     "why": 0.15,  # friction and such cannot be seen
 }  # of a reply's fields; of others 1
 _CHANGE = 2.5  # of a change of a goal
+_MEASURED = 5.0  # of a number in what is said of a picture
+_SAYS = ("reason", "what_happened")
 _FIELD = re.compile(r'"([a-z_]+)":')
+_NUMBER = re.compile(r"\d+\.\d mm to the \w+|\d+\.\d mm \w+|\d+\.\d degrees to the \w+")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,10 +176,16 @@ def _is_a_guess(trial: dict[str, Any], decision: dict[str, Any]) -> bool:
 def _weights(reply: str, offsets: Sequence[tuple[int, int]]) -> list[float]:
     """The weight of each token of a reply: that of the field in which it begins."""
     marks = [(0, 1.0)]
-    for found in _FIELD.finditer(reply):
+    fields = [*_FIELD.finditer(reply)]
+    for found, after in zip(fields, [*fields[1:], None], strict=True):
         name = found[1]
         other = _CHANGE if name.endswith(("_mm", "_deg")) else 1.0
         marks.append((found.end(), _WEIGHTS.get(name, other)))
+        if name in _SAYS:
+            for number in _NUMBER.finditer(
+                reply, found.end(), after.start() if after else len(reply)
+            ):
+                marks += [(number.start(), _MEASURED), (number.end(), 1.0)]
     weights, k = [], 0
     for start, _ in offsets:
         while k + 1 < len(marks) and marks[k + 1][0] <= start:
@@ -189,6 +198,44 @@ def _text_says(decision: dict[str, Any]) -> bool:
     """What the checks say together: success, where none says failure."""
     now = "\n".join(decision["user"]).partition("Now: ")[2].partition("\n")[0]
     return " failure" not in now
+
+
+class Readings:
+    """Side pictures, and what is to be said of them: how the peg lies to the hole, in the words in
+    which it stands in replies; some after a goal picture, which is not meant."""
+
+    def __init__(self, pictures: "Pictures", rows: Tensor, cut: Tokenizer, size: Size) -> None:
+        self._pictures, self._cut, self._tokens = pictures, cut, size.picture_tokens
+        side = ~pictures.front[rows] & pictures.there[rows]
+        self._rows = rows[side].cpu().numpy()
+        self._true = (pictures.true[rows] * torch.tensor(UNITS, device=rows.device)).cpu().numpy()
+        self._true = self._true[side.cpu().numpy()]
+        self._draw = np.random.default_rng(7)
+
+    def batch(self, n: int) -> "Batch":
+        """Some of them, drawn."""
+        tokens, weights, rows = [], [], []
+        goals = [*self._pictures.goals.values()]
+        for k in self._draw.integers(len(self._rows), size=n):
+            user = ["Side:", "<image>", "Asked: judge this execution."]
+            if goals and self._draw.uniform() < 0.3:
+                user = ["Goal, circle:", "<image>", *user]
+                rows.append(goals[int(self._draw.integers(len(goals)))])
+            rows.append(int(self._rows[k]))
+            text = rendering.joined(user).replace("<image>", words.picture_text(self._tokens))
+            before = self._cut.encode(rendering.turn("user", text) + f"{words.TURN}assistant\n").ids
+            said = f"{self._draw.choice(rendering.PLACES)} {rendering.measured(*self._true[k, :3])}"
+            after = self._cut.encode(said + words.END_OF_TURN).ids
+            tokens.append(before + after)
+            weights.append([0.0] * len(before) + [1.0] * len(after))
+        wide = _round(max(map(len, tokens)))
+        return Batch(
+            asked=[],
+            tokens=np.array([t + [0] * (wide - len(t)) for t in tokens], np.int64),
+            weights=np.array([w + [0.0] * (wide - len(w)) for w in weights], np.float32),
+            rows=np.array(rows, np.int64),
+            order=np.arange(len(rows)),
+        )
 
 
 def goal_pictures(pegs: Sequence[str], size: Size) -> list[NDArray[np.uint8]]:

@@ -15,6 +15,23 @@ _NUMBER = re.compile(r"\d+\.\d")
 _VERDICT = re.compile(r"^Failure: (.*)$", re.MULTILINE)
 _OTHERS = ("judged by checks", "judged by rules", "the execution failed", "judged by benchmark")
 
+PLACES = (
+    "the centre of the peg's bottom face is",
+    "its bottom face's centre is",
+    "the peg's bottom is",
+)
+
+
+def measured(off_mm: float, depth_mm: float, lean_deg: float) -> str:
+    """How the peg lies to the hole, in the words in which it stands in replies."""
+    side = "right" if off_mm > 0 else "left"
+    level = "below" if depth_mm > 0 else "above"
+    lean = "left" if lean_deg > 0 else "right"
+    return (
+        f"{abs(off_mm):.1f} mm to the {side} of the hole's centre, {abs(depth_mm):.1f} mm {level}"
+        f" the surface, leaning {abs(lean_deg):.1f} degrees to the {lean}."
+    )
+
 
 def prompt(decision: dict[str, Any], draw: np.random.Generator, picture_tokens: int) -> str:
     """The request as the chat template renders it, up to where the reply begins."""

@@ -17,9 +17,10 @@ from typing import Any
 
 import tokenizer as words
 import torch
-from dataset import HELD_OUT, Asked, Batches, Pictures, read
+from dataset import HELD_OUT, Asked, Batches, Pictures, Readings, read
 from learner import GEOMETRY, Learner, measured, validated
 from model import SIZES, load, save
+from tokenizers import Tokenizer
 from torch import Tensor, nn
 
 WARM_UP = 150  # steps
@@ -100,7 +101,9 @@ def main() -> None:
     parser.add_argument("--begin", type=Path, help="a model.pt to begin from, of the same size")
     parser.add_argument("--size", choices=SIZES, default="full")
     parser.add_argument("--pretrain", type=float, default=45.0, help="seconds for the tower alone")
-    parser.add_argument("--seconds", type=float, default=300.0, help="for tower and language")
+    parser.add_argument("--read", type=float, default=60.0, help="seconds for reading pictures")
+    parser.add_argument("--seconds", type=float, default=300.0, help="for decisions")
+    parser.add_argument("--frozen", action="store_true", help="the tower stays as pre-trained")
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--tokens", type=int, default=98_304, help="of a batch, with padding")
     parser.add_argument("--pictures-each", type=int, default=384, help="of a batch in pre-training")
@@ -148,6 +151,11 @@ def main() -> None:
         unseen = [n for n, seed in enumerate(pictures.seeds) if seed in seeds]
         with half:
             say(json.dumps(measured(learner, pictures, torch.tensor(unseen, device=given.device))))
+    if given.frozen:
+        learner.model.tower.requires_grad_(False)
+    if given.read > 0:
+        seeds = {asked.seed for asked in held}
+        _train_to_read(learner, _of_others(pictures, seeds), pictures, cut, given, half, say)
     _train_together(learner, batches, pictures, given, half, say)
     save(learner.model, given.out / "model.pt")
     if held:
@@ -184,6 +192,38 @@ def _split(found: list[list[Asked]], most: int, *, whole: bool) -> tuple[list[As
     return train[:most], held
 
 
+def _of_others(pictures: Pictures, held: set[int]) -> Tensor:
+    """The rows of the drawn pictures of other trials."""
+    rows = [n for n, seed in enumerate(pictures.seeds) if seed not in held]
+    return torch.tensor(rows, device=pictures.pixels.device)
+
+
+def _train_to_read(
+    learner: Learner,
+    of: Tensor,
+    pictures: Pictures,
+    cut: Tokenizer,
+    given: Any,
+    half: Any,
+    say: Callable[[str], None],
+) -> None:
+    """To say of a picture how the peg lies in it."""
+    readings = Readings(pictures, of, cut, learner.model.size)
+    course = Course(learner, seconds=given.read, rate=given.rate, kept=given.out / "read.pt")
+    told = time.monotonic()
+    for _ in course:
+        with half:
+            of_words, geometry = learner.losses(
+                readings.batch(given.pictures_each), pictures, vary=True
+            )
+        course.learn(of_words + (0.0 if given.frozen else GEOMETRY) * geometry)
+        if time.monotonic() - told > 15:
+            told = time.monotonic()
+            say(f"reading: step {course.step}, {of_words.item():.4f}")
+    course.take_average()
+    say(f"reading: {course.step} steps")
+
+
 def _train_tower(
     learner: Learner,
     pictures: Pictures,
@@ -193,9 +233,7 @@ def _train_tower(
     say: Callable[[str], None],
 ) -> None:
     """On the pictures of trials that are not `held` for validation."""
-    of = torch.tensor(
-        [n for n, seed in enumerate(pictures.seeds) if seed not in held], device=given.device
-    )
+    of = _of_others(pictures, held)
     both = nn.ModuleList([learner.model.tower, learner.heads])
     course = Course(both, seconds=given.pretrain, rate=1e-3, kept=given.out / "tower.pt")
     told, some = time.monotonic(), [math.nan, math.nan]
@@ -224,7 +262,7 @@ def _train_together(
     for _, batch in zip(course, batches, strict=False):
         with half:
             of_words, geometry = learner.losses(batch, pictures, vary=True)
-        course.learn(of_words + GEOMETRY * geometry)
+        course.learn(of_words + (0.0 if given.frozen else GEOMETRY) * geometry)
         if time.monotonic() - told > 15:
             told = time.monotonic()
             say(
