@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pliant.experiment.bench.blind import Pictures, shown
-from pliant.experiment.bench.cases import SHIPPED, BenchCase, Cases
+from pliant.experiment.bench.cases import SHIPPED, BenchCase, Cases, Kind
 from pliant.reasoners import vlm
 from pliant.reasoners.vlm.reasoner import unasked
 from pliant.reasoners.vlm.settings import SHIPPED as NAME
@@ -43,6 +43,22 @@ def test_what_it_says_of_a_picture_changes_with_the_picture() -> None:
         [said(q) for q in shown(asked, which)] for which in (Pictures.OWN, Pictures.OTHERS)
     )
     assert sum(a != b for a, b in zip(own, others, strict=True)) >= 3
+
+
+def test_it_sees_how_deep_a_peg_is() -> None:
+    """Insertions that ended close to the depth that is asked for: what was commanded tells nothing,
+    and the checks that there are say success of both sorts."""
+    close = [q for q in Cases(SHIPPED) if q.key.kind is Kind.NEARLY]
+    own, black = (
+        sum(judged(q) is q.key.answer.success for q in shown(close, which))
+        for which in (Pictures.OWN, Pictures.BLACK)
+    )
+    assert len(close) == 33
+    assert own >= black + 5
+
+
+def judged(question: BenchCase) -> bool:
+    return bool(vlm(ALONE).judge(question.case).success)
 
 
 def said(question: BenchCase) -> str:
