@@ -407,6 +407,14 @@ def test_settings_that_cannot_be_are_refused_in_one_line(fields: dict[str, Any],
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("name", ["output", "plan", "judge", "recover", "detail", "effort"])
+def test_a_word_in_the_place_of_a_choice_is_refused(name: str) -> None:
+    """It would compare equal to the choice, and be taken for another where identity decides."""
+    wrong: dict[str, Any] = {name: "native"}
+    with pytest.raises(InputError, match=f"{name} is 'native': give one of "):
+        Settings(**wrong)
+
+
 def test_the_papers_preset_has_no_rules_no_history_and_absolute_goals_behind_it() -> None:
     paper = from_fields({"preset": "paper", "model": "scripted"})
     assert (paper.judge, paper.recover, paper.plan) == (Decider.VLM, Decider.VLM, Plans.ABSOLUTE)

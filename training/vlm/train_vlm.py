@@ -27,6 +27,17 @@ WARM_UP = 150  # steps
 KEPT_S = 120.0  # between two checkpoints
 
 
+def _averaged(
+    kept: tuple[Tensor, ...] | list[Tensor], now: tuple[Tensor, ...] | list[Tensor], n: Any
+) -> None:
+    """The average over the last steps, of which a short course has few: else it would end where it
+    began."""
+    share = min(0.998, (1 + float(n)) / (10 + float(n)))
+    with torch.no_grad():
+        for one, other in zip(kept, now, strict=True):
+            one.lerp_(other, 1 - share)
+
+
 class Course:
     """A course of training for a time: its rate rises, and falls by a cosine. What it has reached
     is kept in a file, from which it goes on."""
@@ -40,9 +51,7 @@ class Course:
         ]
         self._optimiser = torch.optim.AdamW(groups, lr=rate, betas=(0.9, 0.98))
         self._trained, self._seconds, self._rate, self._kept = trained, seconds, rate, kept
-        self._average = torch.optim.swa_utils.AveragedModel(
-            trained, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.998)
-        )
+        self._average = torch.optim.swa_utils.AveragedModel(trained, multi_avg_fn=_averaged)
         self.step, self._spent = 0, 0.0
         if kept.is_file():
             held = torch.load(kept, map_location=next(trained.parameters()).device)

@@ -58,6 +58,16 @@ class Effort(StrEnum):
     HIGH = "high"
 
 
+_CHOSEN: Mapping[str, type[StrEnum]] = {
+    "plan": Plans,
+    "output": Output,
+    "judge": Decider,
+    "recover": Decider,
+    "detail": Detail,
+    "effort": Effort,
+}  # a plain word in their place would be taken for none of them
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """Every choice about the VLM; they are fields of an experiment file and options of `run`, from
@@ -137,6 +147,10 @@ class Settings:
     """The price of a million tokens sent and received, if pliant knows none."""
 
     def __post_init__(self) -> None:
+        for name, kind in _CHOSEN.items():
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, kind):
+                raise InputError(f"{name} is {value!r}: give one of {', '.join(map(str, kind))}")
         for name in ("clamp_mm", "deadline_s", "reply_tokens", "max_requests", "max_tokens"):
             value = getattr(self, name)
             if not 0 < value < math.inf:
