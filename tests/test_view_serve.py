@@ -222,3 +222,18 @@ def test_the_page_of_a_watched_experiment_is_there_while_it_runs(
         address = said.get(timeout=20).removeprefix("watch it at ")
         with urlopen(address, timeout=10) as answer:
             assert "circle" in answer.read().decode()
+
+
+def test_ctrl_c_at_the_very_moment_at_which_it_is_offered_ends_the_page_in_good_order(
+    tmp_path: Path,
+) -> None:
+    said = []
+
+    def say(line: str) -> None:
+        said.append(line)
+        if "Ctrl-C" in line:
+            raise KeyboardInterrupt
+
+    experiment(tmp_path / "run")
+    following.Watched(tmp_path / "run", None, say).stay()
+    assert "until Ctrl-C" in said[-1]

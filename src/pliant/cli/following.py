@@ -60,8 +60,8 @@ class Watched:
     def stay(self) -> None:
         """Make the pages of all that there is, and serve them until Ctrl-C."""
         self._made()
-        self._say("the page is served until Ctrl-C")
         with suppress(KeyboardInterrupt):
+            self._say("the page is served until Ctrl-C")
             Event().wait()
         self._close()
 

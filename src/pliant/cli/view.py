@@ -68,8 +68,8 @@ def view(
     console.print(Text(f"{viewed.made} pages of trials made, {viewed.kept} up to date"))
     say(str(viewed.page))
     if server is not None:
-        console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
         with suppress(KeyboardInterrupt), followed(folder, partial(make, folder, teachings)):
+            console.print(Text(f"serving '{folder}' at {server.address} until Ctrl-C"))
             server.run()
     return 1 if viewed.problems else 0
 
