@@ -5,6 +5,7 @@ import errno
 import importlib
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from io import StringIO
@@ -16,7 +17,7 @@ import pytest
 from test_tables import made
 from view_folders import experiment as shown_experiment
 
-from pliant import cli, files, store
+from pliant import cli, ending, files, store
 from pliant.cli.tables import tables
 from pliant.cli.view import view
 from pliant.console import Lasting
@@ -173,13 +174,28 @@ def test_what_the_machine_refuses_is_one_line(
         raise error
 
     monkeypatch.setattr(cli, "_called", called)
-    monkeypatch.setattr(cli, "_silence", lambda: None)
+    monkeypatch.setattr(ending, "_silence", lambda: None)
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == status
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == bool(said)
+
+
+@pytest.mark.parametrize("program", ["pliant", "pliant.emulator"])
+def test_whoever_reads_may_leave_and_nothing_is_said(program: str) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    told = subprocess.run(
+        [sys.executable, "-m", program, "--help"],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        check=False,
+    )
+    os.close(write)
+    assert (told.returncode, told.stderr) == (1, "")
 
 
 class Gone(StringIO):

@@ -1,13 +1,11 @@
 """The command line: the only place that chooses a cell and a reasoner. One file per command."""
 
-import os
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial, wraps
 from importlib.metadata import version
-from typing import Any, NoReturn
+from typing import Any
 
 import tyro
 
@@ -24,9 +22,10 @@ from pliant.cli.serve_model import serve_model
 from pliant.cli.tables import tables
 from pliant.cli.teach import teach
 from pliant.cli.view import view
-from pliant.console import complain, say
-from pliant.errors import PliantError, unknown
-from pliant.paths import current_folder, expanded, shortened
+from pliant.console import say
+from pliant.ending import in_a_line
+from pliant.errors import unknown
+from pliant.paths import current_folder, expanded
 from pliant.text import replace_unshowable
 from pliant.usage import HELP, Usage, page, refuse_repeats, taken
 
@@ -62,28 +61,8 @@ def main() -> None:
     """
     signals.heed()
     replace_unshowable(sys.stdout, sys.stderr)
-    try:
+    with in_a_line("pliant"):
         _called()
-    except PliantError as error:
-        _leave(2, shortened(str(error)))
-    except UnicodeEncodeError as error:  # the streams replace, so it is a file's name
-        _leave(
-            2,
-            f"a file's name has {error.object[error.start : error.end]!r}, which the locale's"
-            f" encoding, {error.encoding}, lacks: set PYTHONUTF8=1",
-        )
-    except BrokenPipeError:  # whoever reads, such as head, has seen enough
-        _silence()
-        sys.exit(1)
-    except OSError as error:  # a full disk or terminal, a folder that may not be read
-        _silence()
-        what = f"'{error.filename}'" if error.filename else "the output"
-        _leave(2, f"{what} cannot be used: {error.strerror or error}")
-    except MemoryError:
-        _leave(2, "out of memory: end other programs, or raise the limit (ulimit -v)")
-    except KeyboardInterrupt as stop:
-        signals.ignore()  # who presses Ctrl-C again is not to take the exit status away
-        _leave(signals.exit_status(), shortened(": ".join(["interrupted", *map(str, stop.args)])))
 
 
 def parsed(words: Sequence[str]) -> Callable[[], int | None]:
@@ -129,26 +108,11 @@ def _overview() -> str:
 
 
 def _called() -> None:
-    try:
-        if sys.argv[1:] == ["--version"]:
-            say(f"pliant {version('pliant')}")
-            return
-        current_folder()  # what is started from one that is gone fails somewhere deep
-        words = [expanded(word) for word in sys.argv[1:]]
-        if words and words[0] in COMMANDS and not any(word in HELP for word in words):
-            refuse_repeats(words, COMMANDS[words[0]][0])
-        sys.exit(parsed(words)())
-    finally:  # what cannot be shown is found out here, and not as the program ends
-        sys.stdout.flush()
-
-
-def _leave(status: int, said: str) -> NoReturn:
-    with suppress(OSError):
-        complain(f"pliant: {said}")
-    sys.exit(status)
-
-
-def _silence() -> None:
-    """Write nothing more to standard output, also not as the program ends."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if sys.argv[1:] == ["--version"]:
+        say(f"pliant {version('pliant')}")
+        return
+    current_folder()  # what is started from one that is gone fails somewhere deep
+    words = [expanded(word) for word in sys.argv[1:]]
+    if words and words[0] in COMMANDS and not any(word in HELP for word in words):
+        refuse_repeats(words, COMMANDS[words[0]][0])
+    sys.exit(parsed(words)())

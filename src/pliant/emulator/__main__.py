@@ -9,7 +9,7 @@ import tyro
 from pliant.console import complain, say
 from pliant.emulator.emulator import Options
 from pliant.emulator.serving import serve
-from pliant.errors import PliantError
+from pliant.ending import in_a_line
 from pliant.text import replace_unshowable
 from pliant.usage import HELP, Usage, page, refuse_repeats, taken
 
@@ -19,37 +19,35 @@ _PROGRAM = "python -m pliant.emulator"
 def main() -> None:
     """Run the program. Exit status: 0 stopped, 2 wrong usage or a port that is taken, 130
     interrupted before it was ready."""
-    flags = (tyro.conf.EnumChoicesFromValues, tyro.conf.FlagCreatePairsOff)
     replace_unshowable(sys.stdout, sys.stderr)
-    words = sys.argv[1:]
+    with in_a_line("pliant.emulator"):
+        _served(sys.argv[1:])
+
+
+def _served(words: list[str]) -> None:
+    flags = (tyro.conf.EnumChoicesFromValues, tyro.conf.FlagCreatePairsOff)
     if any(word in HELP for word in words):
         say(page(_PROGRAM, Options, Usage()))
         return
-    try:
-        refuse_repeats(words, Options)
-        options = taken(
-            words, Options, lambda: tyro.cli(Options, prog=_PROGRAM, config=flags), _PROGRAM
-        )
-        is_loopback = options.is_loopback()  # refuses what is no address
+    refuse_repeats(words, Options)
+    options = taken(
+        words, Options, lambda: tyro.cli(Options, prog=_PROGRAM, config=flags), _PROGRAM
+    )
+    is_loopback = options.is_loopback()  # refuses what is no address
 
-        def tell(ready: str) -> None:
-            if not is_loopback:
-                complain(
-                    f"warning: {options.host} can be reached from other machines, and nothing here"
-                    " asks for a password"
-                )
-            say(ready)
+    def tell(ready: str) -> None:
+        if not is_loopback:
+            complain(
+                f"warning: {options.host} can be reached from other machines, and nothing here"
+                " asks for a password"
+            )
+        say(ready)
 
-        # The default selector rounds waits up to milliseconds, which are most of a tick.
-        with asyncio.Runner(
-            loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
-        ) as runner:
-            runner.run(serve(options, tell))
-    except PliantError as error:
-        complain(f"pliant.emulator: {error}")
-        sys.exit(2)
-    except KeyboardInterrupt:  # before it was ready
-        sys.exit(130)
+    # The default selector rounds waits up to milliseconds, which are most of a tick.
+    with asyncio.Runner(
+        loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
+    ) as runner:
+        runner.run(serve(options, tell))
 
 
 if __name__ == "__main__":
