@@ -18,7 +18,7 @@ from pliant.pose import Axis, Pose
 from pliant.reasoners.rules import Rules
 from pliant.reasoners.vlm import prompt
 from pliant.reasoners.vlm.settings import Plans, Settings
-from pliant.records import Case, Exchange
+from pliant.records import Case, Exchange, FailureAnalysis
 from pliant.task import BLOCK_SIZE, load_task
 from pliant.vision.measure import PAPER as PAINTED
 from pliant.vision.measure import SIMULATED
@@ -313,3 +313,14 @@ def test_in_brief_the_situation_is_told_in_few_words_and_holds_the_same_facts() 
     assert f"no {len(case.history) + 1}, {case.outcome.step.formation}" in told
     assert len(told) < len(str(full[0])) / 2
     assert short[-1] == "Asked: plan."
+
+
+def test_in_brief_a_change_of_a_goal_is_told_with_the_goal_that_it_leads_to() -> None:
+    case = failed()
+    by = {Formation.FIT: {Axis.Y: -0.012, Axis.X: 0.001}, Formation.ALIGN: {Axis.PITCH: 0.1}}
+    analysis = FailureAnalysis(what="", why="", how="", motion={}, changes=by)
+    told = words(
+        prompt.situation(case, replace(PAPER, brief=True), asked="plan.", analysis=analysis)
+    )
+    goal_mm = (case.goals.formations[Formation.FIT][Axis.Y] - 0.012) * 1e3
+    assert f"Changes: fit y -12.0 mm, x 1.0 mm, to y {goal_mm:.1f}; align pitch 5.7 deg\n" in told

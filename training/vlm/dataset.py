@@ -51,6 +51,8 @@ _WEIGHTS = {
 }  # of a reply's fields; of others 1
 _CHANGE = 2.5  # of a change of a goal
 _MEASURED = 5.0  # of a number in what is said of a picture
+_MISLED = 3.0  # of a judgement where the text alone, or an old picture, says the opposite
+_STOPS = 0.3  # of a decision to stop: what is recorded holds many more of them than cells do
 _SAYS = ("reason", "what_happened")
 _FIELD = re.compile(r'"([a-z_]+)":')
 _NUMBER = re.compile(r"\d+\.\d mm to the \w+|\d+\.\d mm \w+|\d+\.\d degrees to the \w+")
@@ -137,8 +139,11 @@ def _asked(
         before = cut.encode(rendering.prompt(decision, draw, size.picture_tokens)).ids
         reply = rendering.reply(decision, plain=version % 2 == 1)
         told.append((before, cut.encode(reply), reply))
-    vote = None
+    misleads = decision["success"] != _text_says(decision)
+    vote, more = None, _STOPS if _stops(decision) else 1.0
     if decision["stage"] == "judge":
+        if decision["shown"] == "stale" or (misleads and decision["shown"] == "look"):
+            more = _MISLED
         before, after, reply = told[0]
         place = reply.index('"picture":"') + len('"picture":"')
         vote = len(before) + next(
@@ -150,7 +155,7 @@ def _asked(
         versions=tuple(
             (
                 np.array(before + after.ids, np.int32),
-                np.array([0.0] * len(before) + _weights(reply, after.offsets), np.float16),
+                more * np.array([0.0] * len(before) + _weights(reply, after.offsets), np.float16),
             )
             for before, after, reply in told
         ),
@@ -160,17 +165,20 @@ def _asked(
         shown=decision["shown"],
         held=tuple(decision["held"]),
         vote=vote,
-        misleads=decision["success"] != _text_says(decision),
+        misleads=misleads,
     )
 
 
 def _is_a_guess(trial: dict[str, Any], decision: dict[str, Any]) -> bool:
     """Whether it was right to stop for a reason that neither the picture nor any earlier execution
     that is told can show."""
-    stops = '"steps":[]' in decision["plain"] or '"resume_from":"stop"' in decision["plain"]
-    stops = stops or "no motion can help" in decision["plain"]
     is_told = any("Before: " in part or "plausible" in part for part in decision["user"])
-    return stops and trial["scenario"] != "no_peg" and not is_told
+    return _stops(decision) and trial["scenario"] != "no_peg" and not is_told
+
+
+def _stops(decision: dict[str, Any]) -> bool:
+    marks = '"steps":[]', '"resume_from":"stop"', "no motion can help"
+    return any(mark in decision["plain"] for mark in marks)
 
 
 def _weights(reply: str, offsets: Sequence[tuple[int, int]]) -> list[float]:

@@ -11,25 +11,33 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 GEOMETRY = 0.3  # weight of the heads' loss beside that of the words
+BINS, A_UNIT = 97, 10  # steps in which a token tells a target, and how many are one of its units
 
 
 class Heads(nn.Module):
     """Reads what is true in a side view, and in a front view: where points are, from the tower's
-    patches; and how the peg lies, from every language token of a picture alone."""
+    patches; and how the peg lies, from every language token of a picture alone, in steps of a
+    millimetre or half a degree: a language model finds the figures in steps at once, and in one
+    number hardly."""
 
     centres: Tensor
+    steps: Tensor
 
     def __init__(self, size: Size) -> None:
         super().__init__()
         self.size = size
         self.where = nn.Linear(size.vision_width, 2 * POINTS)
         self.beside = nn.Linear(size.vision_width, 2 * POINTS * 2)
-        self.told = nn.Sequential(nn.LayerNorm(size.width), nn.Linear(size.width, 2 * TARGETS))
+        self.told = nn.Sequential(
+            nn.LayerNorm(size.width), nn.Linear(size.width, 2 * TARGETS * BINS)
+        )
         down, across = torch.meshgrid(
             torch.arange(size.rows), torch.arange(size.columns), indexing="ij"
         )
         centres = (torch.stack([across, down], -1).flatten(0, 1) + 0.5) * size.patch
         self.register_buffer("centres", centres, persistent=False)
+        steps = (torch.arange(BINS) - BINS // 2) / A_UNIT
+        self.register_buffer("steps", steps, persistent=False)
 
     def losses(
         self, features: Tensor, tokens: Tensor, pictures: Pictures, rows: Tensor, by: Tensor
@@ -60,19 +68,21 @@ class Heads(nn.Module):
         ).sum(-1)
         each = (off.flatten() + 0.1 * named) * inside.flatten()
         of_places = each.sum() / inside.sum().clamp(min=1)
-        told = self.told(tokens).float().unflatten(-1, (2, TARGETS))[one, :, which]
         valid = known[:, None].expand(-1, TARGETS).clone()
         valid[:, RELATIVE:] &= (by == 0).all(-1)[:, None]
-        wrong = functional.smooth_l1_loss(
-            told, true[:, None].expand_as(told), reduction="none", beta=0.1
-        ).mean(1)
+        told = self.told(tokens).float().unflatten(-1, (2, TARGETS, BINS))[one, :, which]
+        told = told.log_softmax(-1).mean(1)
+        at = (true * A_UNIT + BINS // 2).clamp(0, BINS - 1.001)[..., None]
+        low, share = at.long(), at.frac()
+        wrong = -(told.gather(-1, low) * (1 - share) + told.gather(-1, low + 1) * share)[..., 0]
         return of_places, (wrong * valid).sum() / valid.sum().clamp(min=1)
 
     @torch.no_grad()
     def measured(self, tokens: Tensor, front: Tensor) -> Tensor:
         """What the tokens of a picture tell together (n, TARGETS)."""
-        told = self.told(tokens).float().mean(1).unflatten(-1, (2, TARGETS))
-        return told[torch.arange(len(front), device=front.device), front.long()]
+        told = self.told(tokens).float().unflatten(-1, (2, TARGETS, BINS)).log_softmax(-1).mean(1)
+        told = told[torch.arange(len(front), device=front.device), front.long()]
+        return (told.softmax(-1) * self.steps).sum(-1)
 
 
 class Learner(nn.Module):

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from pydantic_ai.messages import BinaryContent
+from rendering import unseen
 from wording import ASKED, reworded
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "reproduce"))
@@ -298,6 +299,10 @@ def _decision(
         reply["picture"] = "not available"
         if how == "stale":
             reply["conflict"] = "the picture is older than the pose"
+    is_told = any(str(item).startswith("Tip: ") or "\nTip: " in str(item) for item in said.user)
+    blind = how != "look" and not is_told
+    if blind:
+        reply = {k: unseen(v) if isinstance(v, str) else v for k, v in reply.items()}
     user: list[str] = []
     pictures: list[list[Any]] = []
     phrasing = 0
@@ -315,7 +320,7 @@ def _decision(
             words = ASKED[said.stage][phrasing]
             user.append(f"Asked: {words}")
         else:
-            user.append(str(item))
+            user.append(unseen(str(item)) if blind else str(item))
     held = [
         *(["phrase"] if phrasing == len(ASKED[said.stage]) - 1 else []),
         *(["combination"] if label.kind == HELD_KIND and trial.task.peg.name == HELD_PEG else []),

@@ -15,10 +15,13 @@ _NUMBER = re.compile(r"\d+\.\d")
 _VERDICT = re.compile(r"^Failure: (.*)$", re.MULTILINE)
 _OTHERS = ("judged by checks", "judged by rules", "the execution failed", "judged by benchmark")
 
+_PLACE = re.compile(r"The centre of the peg's bottom face is [^:]*: (\w)")
+_IT_IS = re.compile(r"; it is [^;\"]*$")
+
 PLACES = (
-    "the centre of the peg's bottom face is",
-    "its bottom face's centre is",
-    "the peg's bottom is",
+    "The centre of the peg's bottom face is",
+    "Its bottom face's centre is",
+    "The peg's bottom is",
 )
 
 
@@ -29,8 +32,13 @@ def measured(off_mm: float, depth_mm: float, lean_deg: float) -> str:
     lean = "left" if lean_deg > 0 else "right"
     return (
         f"{abs(off_mm):.1f} mm to the {side} of the hole's centre, {abs(depth_mm):.1f} mm {level}"
-        f" the surface, leaning {abs(lean_deg):.1f} degrees to the {lean}."
+        f" the surface, leaning {abs(lean_deg):.1f} degrees to the {lean}:"
     )
+
+
+def unseen(text: str) -> str:
+    """What is said, or told of a verdict, without how the peg lies: no picture shows it."""
+    return _IT_IS.sub("", _PLACE.sub(lambda found: found[1].upper(), text))
 
 
 def prompt(decision: dict[str, Any], draw: np.random.Generator, picture_tokens: int) -> str:
@@ -71,13 +79,13 @@ def turn(role: str, text: str) -> str:
 def _unsure(verdict: str, draw: np.random.Generator) -> str:
     """The verdict as it may be told: with what the model measured, without, or by another."""
     u = draw.uniform()
-    if ":" not in verdict or u < 0.25:
+    if not _PLACE.match(verdict) or u < 0.25:
         return verdict
     if u < 0.80:
         size = draw.uniform(0.2, 1.5)
         return _NUMBER.sub(lambda n: _about(float(n[0]), size, draw), verdict)
     if u < 0.90:
-        return verdict.partition(":")[0] + "."
+        return unseen(verdict)
     return str(draw.choice(_OTHERS))
 
 

@@ -20,10 +20,10 @@ import torch
 from dataset import HELD_OUT, Asked, Batches, Pictures, Readings, read
 from learner import GEOMETRY, Learner, measured, validated
 from model import SIZES, load, save
-from tokenizers import Tokenizer
 from torch import Tensor, nn
 
 WARM_UP = 150  # steps
+READ_EVERY = 6  # steps of the last course: reading goes on among decisions
 KEPT_S = 120.0  # between two checkpoints
 
 
@@ -137,6 +137,10 @@ def main() -> None:
     pictures = Pictures(given.pictures, pegs, size, given.device)
     say(f"{pictures.drawn} pictures on {given.device}")
     train, held = _split(found, given.most, whole=given.whole_sources)
+    apart = {
+        f"a {name} never trained on": [a for some in found for a in some if a.held == (name,)]
+        for name in ("phrase", "combination")
+    }
     say(f"{len(train)} decisions to train on, {len(held)} to validate")
     batches = Batches(train, pictures, tokens=given.tokens, seed=0)
 
@@ -162,19 +166,21 @@ def main() -> None:
             say(json.dumps(measured(learner, pictures, torch.tensor(unseen, device=given.device))))
     if given.frozen:
         learner.model.tower.requires_grad_(False)
+    of = _of_others(pictures, {asked.seed for asked in held})
+    readings = Readings(pictures, of, cut, size)
     if given.read > 0:
-        seeds = {asked.seed for asked in held}
-        _train_to_read(learner, _of_others(pictures, seeds), pictures, cut, given, half, say)
-    _train_together(learner, batches, pictures, given, half, say)
+        _train_to_read(learner, readings, pictures, given, half, say)
+    _train_together(learner, batches, readings, pictures, given, half, say)
     save(learner.model, given.out / "model.pt")
-    if held:
-        with half:
-            figures = validated(
-                learner, Batches(held, pictures, tokens=given.tokens, seed=0), pictures
-            )
-        say(json.dumps(figures))
-        text = json.dumps(figures, indent=1) + "\n"
-        (given.out / "validated.json").write_text(text, encoding="utf-8")
+    figures = {}
+    for name, some in {"other trials": held, **apart}.items():
+        if some:
+            asked = Batches(some, pictures, tokens=given.tokens, seed=0)
+            with half:
+                figures[name] = validated(learner, asked, pictures)
+            say(f"{name}: {json.dumps(figures[name])}")
+    text = json.dumps(figures, indent=1) + "\n"
+    (given.out / "validated.json").write_text(text, encoding="utf-8")
 
 
 def _said_in(path: Path) -> Callable[[str], None]:
@@ -209,15 +215,13 @@ def _of_others(pictures: Pictures, held: set[int]) -> Tensor:
 
 def _train_to_read(
     learner: Learner,
-    of: Tensor,
+    readings: Readings,
     pictures: Pictures,
-    cut: Tokenizer,
     given: Any,
     half: Any,
     say: Callable[[str], None],
 ) -> None:
     """To say of a picture how the peg lies in it."""
-    readings = Readings(pictures, of, cut, learner.model.size)
     course = Course(learner, seconds=given.read, rate=given.rate, kept=given.out / "read.pt")
     told = time.monotonic()
     for _ in course:
@@ -261,6 +265,7 @@ def _train_tower(
 def _train_together(
     learner: Learner,
     batches: Batches,
+    readings: Readings,
     pictures: Pictures,
     given: Any,
     half: Any,
@@ -269,6 +274,8 @@ def _train_together(
     course = Course(learner, seconds=given.seconds, rate=given.rate, kept=given.out / "all.pt")
     told = time.monotonic()
     for _, batch in zip(course, batches, strict=False):
+        if course.step % READ_EVERY == READ_EVERY - 1:
+            batch = readings.batch(given.pictures_each)
         with half:
             of_words, geometry = learner.losses(batch, pictures, vary=True)
         course.learn(of_words + (0.0 if given.frozen else GEOMETRY) * geometry)

@@ -146,14 +146,14 @@ def _judgement(label: Label, case: Case) -> Judgement:
     against = [name for name, vote in told.items() if vote is not None and vote != label.success]
     names = " and ".join(_NAMES[name] for name in against)
     conflict = f"{names} {'disagree' if len(against) > 1 else 'disagrees'} with the picture"
-    reached = "The skill succeeded" if label.success else KINDS[label.kind or ""].capitalize()
+    reached = "the skill succeeded" if label.success else KINDS[label.kind or ""].lower()
     return Judgement(
         pose_check=_VOTE[told["pose"]],  # type: ignore[arg-type]
         compression_check=_VOTE[told["compression"]],  # type: ignore[arg-type]
         table_i=_VOTE[told["table_i"]],  # type: ignore[arg-type]
         picture=_VOTE[label.success],  # type: ignore[arg-type]
         conflict=conflict if against else "",
-        reason=f"{reached}: the centre of the peg's bottom face is {place(label)}.",
+        reason=f"The centre of the peg's bottom face is {place(label)}: {reached}.",
         success=label.success,
     )
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 
 from pliant.belief import Belief
 from pliant.cell import Stop
-from pliant.formations import OWNED, RECOVERABLE
+from pliant.formations import OWNED, RECOVERABLE, Formation
 from pliant.pose import Axis, Partial, Pose, describe
 from pliant.reasoners.vlm.settings import Settings
 from pliant.reasoners.vlm.telling import NOT_MADE, of_checks, tells_measurements, tenths
@@ -38,9 +38,16 @@ def sections(
     if verdict is not None:
         yield f"Failure: {verdict.reason}"
     if analysis is not None:
-        changes = [f"{f} {describe(by)}" for f, by in analysis.changes.items()]
+        changes = [_change(f, by, case) for f, by in analysis.changes.items()]
         yield f"How: {analysis.how}"
         yield f"Changes: {'; '.join(changes) or 'none'}"
+
+
+def _change(formation: Formation, by: Partial, case: Case) -> str:
+    """A change, and the goal that it leads to: a small model does not add."""
+    now = case.goals.formations[formation]
+    to = {axis: now[axis] + by[axis] for axis in OWNED[formation] if axis in by}
+    return f"{formation} {describe(by)}" + (f", to {_numbers(to, to)}" if to else "")
 
 
 def _execution(execution: Execution, case: Case, settings: Settings) -> str:
