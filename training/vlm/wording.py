@@ -49,7 +49,7 @@ _SAME = (
      "the peg is in the hole and not deep enough, though nothing stopped it",
      "in the hole, too shallow, without a compression stop"),
     ("the skill succeeded", "it succeeded", "the formation is reached"),
-    ("the centre of the peg's bottom face is", "the peg's bottom is", "its bottom face is"),
+    ("the centre of the peg's bottom face is", "the peg's bottom is", "its bottom face's centre is"),
     ("disagrees with the picture", "says otherwise than the picture", "contradicts the picture"),
     ("disagree with the picture", "say otherwise than the picture", "contradict the picture"),
     ("in this trial", "here", "it comes from this:"),
