@@ -84,3 +84,17 @@ def test_the_same_seed_records_the_same_decisions(trial: dict[str, Any]) -> None
     record = importlib.import_module("record")
     again = record.record(record.Job(seed=SEED, guided=False))
     assert again["decisions"] == trial["decisions"]
+
+
+def test_how_the_peg_lies_is_said_only_where_it_is_shown_or_told(trial: dict[str, Any]) -> None:
+    known = set()
+    for decision in trial["decisions"]:
+        if decision["stage"] != "judge":
+            continue
+        reason = json.loads(decision["plain"])["reason"]
+        is_told = "Tip: " in "\n".join(decision["user"])
+        assert reason.startswith("The centre of the peg's bottom face is ") == (
+            decision["shown"] == "look" or is_told
+        )
+        known.add(decision["shown"])
+    assert known > {"look"}

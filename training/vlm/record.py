@@ -24,8 +24,7 @@ from typing import Any
 
 import numpy as np
 from pydantic_ai.messages import BinaryContent
-from rendering import unseen
-from wording import ASKED, reworded
+from wording import ASKED, reworded, unseen
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "reproduce"))
 from make_cases import (

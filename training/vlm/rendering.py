@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 import tokenizer as words
+from wording import PLACE, unseen
 
 _NUMBER = re.compile(r"\d+\.\d")
 _VERDICT = re.compile(r"^Failure: (.*)$", re.MULTILINE)
 _OTHERS = ("judged by checks", "judged by rules", "the execution failed", "judged by benchmark")
-
-_PLACE = re.compile(r"The centre of the peg's bottom face is [^:]*: (\w)")
-_IT_IS = re.compile(r"; it is [^;\"]*$")
 
 PLACES = (
     "The centre of the peg's bottom face is",
@@ -34,11 +32,6 @@ def measured(off_mm: float, depth_mm: float, lean_deg: float) -> str:
         f"{abs(off_mm):.1f} mm to the {side} of the hole's centre, {abs(depth_mm):.1f} mm {level}"
         f" the surface, leaning {abs(lean_deg):.1f} degrees to the {lean}:"
     )
-
-
-def unseen(text: str) -> str:
-    """What is said, or told of a verdict, without how the peg lies: no picture shows it."""
-    return _IT_IS.sub("", _PLACE.sub(lambda found: found[1].upper(), text))
 
 
 def prompt(decision: dict[str, Any], draw: np.random.Generator, picture_tokens: int) -> str:
@@ -79,7 +72,7 @@ def turn(role: str, text: str) -> str:
 def _unsure(verdict: str, draw: np.random.Generator) -> str:
     """The verdict as it may be told: with what the model measured, without, or by another."""
     u = draw.uniform()
-    if not _PLACE.match(verdict) or u < 0.25:
+    if not PLACE.match(verdict) or u < 0.25:
         return verdict
     if u < 0.80:
         size = draw.uniform(0.2, 1.5)

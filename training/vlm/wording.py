@@ -49,12 +49,24 @@ _SAME = (
      "the peg is in the hole and not deep enough, though nothing stopped it",
      "in the hole, too shallow, without a compression stop"),
     ("the skill succeeded", "it succeeded", "the formation is reached"),
-    ("the centre of the peg's bottom face is", "the peg's bottom is", "its bottom face's centre is"),
+    ("the centre of the peg's bottom face is",
+     "the peg's bottom is",
+     "its bottom face's centre is"),
     ("disagrees with the picture", "says otherwise than the picture", "contradicts the picture"),
     ("disagree with the picture", "say otherwise than the picture", "contradict the picture"),
     ("in this trial", "here", "it comes from this:"),
     ("nothing in this trial is off nominal", "all is nominal here", "no cause is known"),
 )  # fmt: skip
+
+
+PLACE = re.compile(r"The centre of the peg's bottom face is [^:]*: (\w)")
+"""Where a reason says how the peg lies, before what that means."""
+_IT_IS = re.compile(r"; it is [^;\"]*$")
+
+
+def unseen(text: str) -> str:
+    """What is said, or told of a verdict, without how the peg lies: no picture shows it."""
+    return _IT_IS.sub("", PLACE.sub(lambda found: found[1].upper(), text))
 
 
 def reworded(reply: dict[str, Any], draw: np.random.Generator) -> dict[str, Any]:
