@@ -188,10 +188,11 @@ def test_what_is_missing_is_one_line_that_names_the_extra_and_nothing_moves(
     assert [*tmp_path.iterdir()] == []
 
 
-def test_a_folder_without_weights_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("server", [sys, None], ids=["with the extra", "without it"])
+def test_a_folder_without_weights_is_one_line_that_names_it(
+    server: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(local, "find_spec", lambda name: sys)
+    monkeypatch.setattr(local, "find_spec", lambda name: server)
     for name in (local.MODEL, local.PROJECTOR):
         with pytest.raises(InputError, match=rf"'{tmp_path / name}' is not there"):
             vlm(from_fields({"model": f"local:{tmp_path}"}))

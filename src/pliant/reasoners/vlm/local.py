@@ -53,8 +53,8 @@ def installed(settings: Settings) -> Weights:
     """
     weights = weights_of(settings)
     if settings.folder is not None and weights is not None:
-        _needs(*_LIBRARIES)
         _check(weights)
+        _needs(*_LIBRARIES)
         return weights
     _needs(*_LIBRARIES, _PACKAGE)
     assert weights is not None, "the package is there"
@@ -69,10 +69,10 @@ def tuned(model: Path, projector: Path) -> Weights:
     Raises:
         InputError: they or what serves them are missing.
     """
-    _needs("xllamacpp")
     name = model.parent.name if model.name == MODEL else model.stem
     weights = Weights(model=model, projector=projector, name=f"{LOCAL}:{name}")
     _check(weights)
+    _needs("xllamacpp")
     return weights
 
 
